@@ -267,4 +267,5 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
                             paper ? Material::paper_force_exponent : t[5].cast<double>(),
                             paper ? 0.0 : t[6].cast<double>());
           }));
+  m.def("paper_materials", &paper_materials, "The four materials of the paper, with their source.");
 }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <new>
-#include <stdexcept>
 
 #include "kernel/kernel.hpp"
 
@@ -49,7 +48,7 @@ std::vector<const std::uint8_t*> packed_tiles(const std::uint8_t* packed, std::s
     tiles[brick] = packed + end;
     end += brick_voxels;
   }
-  if (end != size) throw std::invalid_argument("packed bricks must fill the shape");
+  if (end != size) throw InvalidArgument("packed bricks must fill the shape");
   return tiles;
 }
 

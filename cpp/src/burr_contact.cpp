@@ -8,12 +8,13 @@
 #include "erosion_steps.hpp"
 #include "portable_math.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 #include "tick.hpp"
 
 namespace burrlab {
 
 static std::shared_ptr<VoxelBone> not_null(std::shared_ptr<VoxelBone> bone) {
-  if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
+  if (!bone) throw InvalidArgument("bone must be a VoxelBone, got None");
   return bone;
 }
 
@@ -46,17 +47,13 @@ void BurrContact::check_tissues() const {
 
 // Makes new constants if dt differs from the last one, or the bone has other tissues.
 const ErosionSteps& BurrContact::steps_of(double dt) {
+  const StandardArithmetic arithmetic;
   if (dt == dt_ && tissues_ == bone_->tissues()) return *steps_;
   check_tissues();
   *steps_ = ErosionSteps(*bone_, material_, dt);
   tissues_ = bone_->tissues();
   dt_ = dt;
   return *steps_;
-}
-
-// Solid bone [mm^3] of a number of levels.
-double BurrContact::volume_of(std::int64_t levels) const {
-  return static_cast<double>(levels) * (bone_->voxel_volume() / 255.0);
 }
 
 Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) const {
@@ -73,7 +70,7 @@ Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) co
   contact.penetration = elastic.penetration;
   contact.m0 = moments.m0;
   contact.m1 = moments.m1;
-  contact.removed = volume_of(sums.lost);
+  contact.removed = bone_->volume_of(sums.lost);
   contact.lost = sums.lost;
   contact.tick = tick;
   contact.touching = sums.mass > 0;
@@ -84,6 +81,7 @@ Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) co
 }
 
 Contact BurrContact::probe(const Vec3& center) const {
+  const StandardArithmetic arithmetic;
   TickSums sums;
   const Moments moments = tick_->moments(*bone_, center, &sums);
   return to_contact(moments, sums);
@@ -110,10 +108,11 @@ std::int64_t BurrContact::erode_at_force(double force, const Vec3& center, const
 }
 
 Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
+  const StandardArithmetic arithmetic;
   if (steps && material_.rate_exponent != 0.0) {  // the rate needs the force first
     Contact contact = probe(center);
     contact.lost = erode_at_force(contact.magnitude, center, *steps);
-    contact.removed = volume_of(contact.lost);
+    contact.removed = bone_->volume_of(contact.lost);
     return contact;
   }
   TickSums sums;
@@ -125,14 +124,16 @@ Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
 }
 
 double BurrContact::erode(const Vec3& center, double dt) {
+  const StandardArithmetic arithmetic;
   require_positive("dt", dt);
   const VoxelBone::Changing changing(*bone_);
   const double force = material_.rate_exponent == 0.0 ? 0.0 : probe(center).magnitude;
-  return volume_of(erode_at_force(force, center, steps_of(dt)));
+  return bone_->volume_of(erode_at_force(force, center, steps_of(dt)));
 }
 
 HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis, double from, double travel,
                               double dt, std::int64_t ticks, const std::function<void()>& now_and_then) {
+  const StandardArithmetic arithmetic;
   require_positive("force", force);
   require_positive("dt", dt);
   require_finite("from", from);
@@ -199,7 +200,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
     descent.force.push_back(-contact.force.dot(axis));
-    descent.removed.push_back(volume_of(lost));
+    descent.removed.push_back(bone_->volume_of(lost));
     descent.ambiguous += contact.ambiguous;
     descent.faint += contact.faint;
   }

@@ -2,8 +2,8 @@
 
 #include <atomic>
 #include <cstdlib>
-#include <stdexcept>
 
+#include "burrlab/error.hpp"
 #include "kernel/kernel.hpp"
 #if defined(BURRLAB_X86_64) && defined(_MSC_VER)
 #include <intrin.h>
@@ -54,8 +54,8 @@ const kernel::Kernel* named(const std::string& name, const char* who) {
     if (name == k->name) return k;
     known += (known.empty() ? "" : ", ") + std::string(k->name);
   }
-  throw std::invalid_argument(std::string(who) + " must be one that this CPU runs, " + known + "; got '" +
-                              name + "'");
+  throw InvalidArgument(std::string(who) + " must be one that this CPU runs, " + known + "; got '" + name +
+                        "'");
 }
 
 std::atomic<const kernel::Kernel*>& chosen() {

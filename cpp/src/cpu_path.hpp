@@ -10,8 +10,8 @@ namespace burrlab {
 /// "avx2", "avx512"; on AArch64 "portable", "neon"; elsewhere "portable".
 std::vector<std::string> cpu_paths();
 /// The path that new contacts use: the fastest, or the one that the environment variable BURRLAB_CPU_PATH
-/// names. Throws std::invalid_argument if the variable names none of `cpu_paths()`.
+/// names. Throws InvalidArgument if the variable names none of `cpu_paths()`.
 std::string cpu_path();
-void use_cpu_path(const std::string& name);  ///< throws std::invalid_argument
+void use_cpu_path(const std::string& name);  ///< throws InvalidArgument
 
 }  // namespace burrlab

@@ -20,8 +20,8 @@ static std::string described(const Material& material) {
 
 void check_material(const VoxelBone& bone, const Material& material) {
   if (!bone.tissues() || bone.tissues()->table().material() == material) return;
-  throw std::invalid_argument("material must be that of the bone's tissues, " +
-                              described(bone.tissues()->table().material()) + ", got " + described(material));
+  throw InvalidArgument("material must be that of the bone's tissues, " +
+                        described(bone.tissues()->table().material()) + ", got " + described(material));
 }
 
 ErosionSteps::ErosionSteps(double a) {

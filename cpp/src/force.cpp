@@ -5,6 +5,7 @@
 
 #include "portable_math.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 
@@ -19,6 +20,7 @@ static double relative_penetration(double m) {
 }
 
 double penetration(double m0, double radius) {
+  const StandardArithmetic arithmetic;
   require_not_negative("m0", m0);
   require_positive("radius", radius);
   if (m0 == 0.0) return 0.0;
@@ -31,6 +33,7 @@ static double raised(double u, double q) {
 }
 
 ElasticForce elastic_force(const Moments& moments, double radius, double c_e, double force_exponent) {
+  const StandardArithmetic arithmetic;
   ElasticForce result;
   require_positive("c_e", c_e);
   if (!(force_exponent >= 1.0 && force_exponent <= Material::largest_exponent))

@@ -30,10 +30,35 @@ bool Material::operator==(const Material& o) const {
          force_exponent == o.force_exponent && rate_exponent == o.rate_exponent;
 }
 
+const std::vector<Material>& paper_materials() {
+  static const std::vector<Material> materials = [] {
+    const std::string paper = "Agus et al., HAPTICS 2004, section 4.2: ";
+    const std::string unknown =
+        "; the paper's f and voxel size are unknown; alpha holds for one drill, burr type and speed";
+    const auto material = [&](const char* name, double c_e, double alpha, const char* how) {
+      return Material(name, c_e, alpha, Shape::parabolic(), paper + how + unknown);
+    };
+    return std::vector<Material>{material("bone", 2.145, 0.087, "fitted, mastoid bone"),
+                                 material("pettigrew", 1.504, 0.116, "fitted, Pettigrew resin"),
+                                 material("pvc", 0.462, 0.256, "fitted, PVC K70"),
+                                 material("expert", 1.5, 0.1, "set by expert surgeons")};
+  }();
+  return materials;
+}
+
+const Material& paper_material(const std::string& name) {
+  std::string known;
+  for (const Material& material : paper_materials()) {
+    if (name == material.name) return material;
+    known += (known.empty() ? "" : ", ") + material.name;
+  }
+  throw InvalidArgument("material must be one of " + known + ", got '" + name + "'");
+}
+
 Scheme parse_scheme(const std::string& name) {
   if (name == "layer") return Scheme::layer;
   if (name == "cell") return Scheme::cell;
-  throw std::invalid_argument("scheme must be layer or cell, got '" + name + "'");
+  throw InvalidArgument("scheme must be layer or cell, got '" + name + "'");
 }
 
 }  // namespace burrlab

@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 
 #include "burrlab/types.hpp"
@@ -14,7 +13,7 @@ namespace burrlab {
   std::ostringstream text;
   text.precision(12);
   text << name << " must be " << rule << ", got " << value;
-  throw std::invalid_argument(text.str());
+  throw InvalidArgument(text.str());
 }
 
 inline void require_finite(const std::string& name, double value) {

@@ -6,10 +6,10 @@
 #include <limits>
 #include <locale>
 #include <sstream>
-#include <stdexcept>
 
 #include "portable_math.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 
@@ -50,7 +50,7 @@ std::string written(double value) {
 /// "table(k;x:f,x:f,...)".
 Shape read_table(const std::string& name) {
   const auto malformed = [&] {
-    return std::invalid_argument("a table must read table(k;x:f,x:f,...), got '" + name + "'");
+    return InvalidArgument("a table must read table(k;x:f,x:f,...), got '" + name + "'");
   };
   std::istringstream rows(name.substr(6, name.size() - 7));
   std::string part;
@@ -99,6 +99,7 @@ std::vector<std::string> Shape::names() {
 }
 
 Shape Shape::parse(const std::string& name) {
+  const StandardArithmetic arithmetic;
   std::string known;
   for (const Named& row : named) {
     if (name == row.name) return Shape(row.kind, row.order);
@@ -112,10 +113,11 @@ Shape Shape::parse(const std::string& name) {
       return Shape(Kind::power, k);
     }
   }
-  throw std::invalid_argument("shape must be " + known + " or power(k), got '" + name + "'");
+  throw InvalidArgument("shape must be " + known + " or power(k), got '" + name + "'");
 }
 
 Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>& f, double order) {
+  const StandardArithmetic arithmetic;
   const std::size_t n = x.size(), last = n - 1;
   if (f.size() != n) refuse("f", "as long as x, " + std::to_string(n), static_cast<double>(f.size()));
   if (n < Table::fewest || n > Table::most) refuse("points of a table", "3 to 256", static_cast<double>(n));
@@ -172,12 +174,14 @@ Shape::Shape(Kind kind, double order)
     : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
 
 double Shape::at_depth(double delta) const {
+  const StandardArithmetic arithmetic;
   if (kind_ == Kind::constant) return 1.0;
   if (kind_ == Kind::table) return order_ == 0.0 ? table_->at(delta) : to_order(table_->at(delta));
   return to_order(kind_ == Kind::linear ? delta : delta * (2.0 - delta));
 }
 
 double Shape::at_radius(double x) const {
+  const StandardArithmetic arithmetic;
   if (x > 1.0) return 0.0;
   if (kind_ == Kind::constant || kind_ == Kind::table) return at_depth(1.0 - x);
   return to_order(1.0 - (kind_ == Kind::linear ? x : x * x));

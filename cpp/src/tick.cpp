@@ -15,6 +15,7 @@
 #include "kernel/kernel.hpp"
 #include "portable_math.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 
@@ -42,6 +43,7 @@ Tick::Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& sha
       seed_(seed),
       index_(index),
       spacing_(bone.spacing()) {
+  const StandardArithmetic arithmetic;
   require_positive("radius", radius);
   if (index >= (1u << 31)) refuse("index", "below 2^31", index);
   isotropic_ = spacing_[0] == spacing_[1] && spacing_[1] == spacing_[2];
@@ -50,7 +52,7 @@ Tick::Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& sha
     std::ostringstream text;
     text << "radius must be at least 4 voxels, got " << resolution_ << "; a spacing of " << radius / coarse
          << " mm or finer would do";
-    throw std::invalid_argument(text.str());
+    throw InvalidArgument(text.str());
   }
   if (scheme == Scheme::layer && shape.kind() != Shape::Kind::constant)
     depth_ = DepthTable::of_order(shape.layer_order());

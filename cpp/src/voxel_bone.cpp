@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <stdexcept>
 #include <utility>
 
 #include "brick_levels.hpp"
 #include "kernel/shared_rows.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 
@@ -32,8 +32,7 @@ VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origi
 
 VoxelBone::VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin)
     : VoxelBone(shape, 0, spacing, origin) {
-  if (std::int64_t(levels.size()) != product(shape_))
-    throw std::invalid_argument("levels do not fill the shape");
+  if (std::int64_t(levels.size()) != product(shape_)) throw InvalidArgument("levels do not fill the shape");
   write({0, 0, 0}, shape_, levels.data());
 }
 
@@ -94,12 +93,15 @@ VoxelBone::VoxelBone(const VoxelBone& other)
 
 void VoxelBone::refuse_use(int users) {
   const std::string rule = "bone must be used by one thread alone while it is changed: another thread ";
-  throw std::invalid_argument(rule + (users < 0 ? "changes it" : "reads it"));
+  throw InvalidArgument(rule + (users < 0 ? "changes it" : "reads it"));
 }
 
 double VoxelBone::voxel_volume() const { return spacing_.prod(); }
-double VoxelBone::mass() const { return double(level_sum_) * (voxel_volume() / 255.0); }
-double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * (voxel_volume() / 255.0); }
+
+double VoxelBone::volume_of(std::int64_t levels) const {
+  const StandardArithmetic arithmetic;
+  return double(levels) * (voxel_volume() / 255.0);
+}
 
 std::size_t VoxelBone::hierarchy_bytes() const {
   return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes() +
@@ -117,9 +119,9 @@ void VoxelBone::check_box(const Index3& start, const Index3& shape) const {
   for (int axis = 0; axis < 3; ++axis) {
     if (start[axis] < 0 || shape[axis] < 0 || start[axis] > shape_[axis] ||
         shape[axis] > shape_[axis] - start[axis]) {
-      throw std::invalid_argument("values must lie inside the volume: along axis " + std::to_string(axis) +
-                                  " (z, y, x) " + std::to_string(shape[axis]) + " voxels from " +
-                                  std::to_string(start[axis]) + " of " + std::to_string(shape_[axis]));
+      throw InvalidArgument("values must lie inside the volume: along axis " + std::to_string(axis) +
+                            " (z, y, x) " + std::to_string(shape[axis]) + " voxels from " +
+                            std::to_string(start[axis]) + " of " + std::to_string(shape_[axis]));
     }
   }
 }
@@ -232,8 +234,8 @@ void VoxelBone::restore(const std::uint8_t* density) {
   const Levels before = pristine();
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (density[i] > before[i])
-      throw std::invalid_argument("density must be at most the pristine level, got " +
-                                  std::to_string(density[i]) + " over " + std::to_string(before[i]));
+      throw InvalidArgument("density must be at most the pristine level, got " + std::to_string(density[i]) +
+                            " over " + std::to_string(before[i]));
   }
   set_box({0, 0, 0}, shape_, density, false);
 }
@@ -350,7 +352,7 @@ void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
 
 void VoxelBone::set_tissues(std::shared_ptr<const TissueMap> map) {
   if (map && map->shape() != shape_)
-    throw std::invalid_argument("numbers of tissues must have the shape of the bone");
+    throw InvalidArgument("numbers of tissues must have the shape of the bone");
   const Changing changing(*this);
   tissues_ = std::move(map);
   tissue_sums_ = {};
@@ -362,12 +364,8 @@ std::vector<std::int64_t> VoxelBone::tissue_levels() const {
   return {present.begin(), present.begin() + std::int64_t(tissues_ ? tissues_->table().size() : 0)};
 }
 
-double VoxelBone::mass_of(std::size_t tissue) const {
-  return double(tissue_levels(tissue)) * (voxel_volume() / 255.0);
-}
-
 double VoxelBone::removed_of(std::size_t tissue) const {
-  return double(tissue_sums_.pristine[tissue] - tissue_levels(tissue)) * (voxel_volume() / 255.0);
+  return volume_of(tissue_sums_.pristine[tissue] - tissue_levels(tissue));
 }
 
 // Adds the brick's levels to the sums of its tissues, or subtracts them.

@@ -43,10 +43,10 @@ struct HeldDescent {
   bool reached = false;          ///< the burr came to the end of its travel
 };
 
-class BurrContact {
+class BURRLAB_API BurrContact {
  public:
   BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
-              std::uint32_t index, Scheme scheme);
+              std::uint32_t index = 0, Scheme scheme = Scheme::layer);
   BurrContact(BurrContact&&) noexcept;
   ~BurrContact();
 
@@ -78,7 +78,6 @@ class BurrContact {
   std::uint64_t tick = 0;  ///< number of the next tick
 
  private:
-  double volume_of(std::int64_t levels) const;
   Contact to_contact(const Moments& moments, const TickSums& sums) const;
   std::int64_t erode_at_force(double force, const Vec3& center, const ErosionSteps& steps);
   void check_tissues() const;

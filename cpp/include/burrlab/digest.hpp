@@ -10,7 +10,7 @@
 namespace burrlab {
 
 /// 128 bits that are summed over bricks.
-struct Hash128 {
+struct BURRLAB_API Hash128 {
   std::uint64_t a = 0, b = 0;
 
   void add(const Hash128& other);       ///< 128-bit sum
@@ -21,7 +21,7 @@ struct Hash128 {
 };
 
 /// `VoxelBone::digest()`, updated with the bricks that changed.
-class RunningDigest {
+class BURRLAB_API RunningDigest {
  public:
   explicit RunningDigest(const VoxelBone& bone);
 

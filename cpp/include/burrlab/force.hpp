@@ -14,7 +14,7 @@ struct Moments {
 
 /// Effective penetration depth h [mm], 0..2R: u = h/R is the smallest positive root of u^2 (1 - u/3) =
 /// m_0/(pi R^3) (Eq. 2).
-double penetration(double m0, double radius);
+BURRLAB_API double penetration(double m0, double radius);
 
 /// |m_1|/(m_0 R) below which the direction of the contact is undefined and the force fades (our decision).
 constexpr double fading_asymmetry = 0.1;
@@ -28,7 +28,7 @@ struct ElasticForce {
 };
 
 /// F = c_e R^2 (h/R)^q n with the force exponent q, 3/2 in Eq. 3.
-ElasticForce elastic_force(const Moments& moments, double radius, double c_e,
-                           double force_exponent = Material::paper_force_exponent);
+BURRLAB_API ElasticForce elastic_force(const Moments& moments, double radius, double c_e,
+                                       double force_exponent = Material::paper_force_exponent);
 
 }  // namespace burrlab

@@ -3,19 +3,20 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "burrlab/shape.hpp"
 
 namespace burrlab {
 
-struct Burr {
+struct BURRLAB_API Burr {
   double radius;  ///< [mm]
 
   explicit Burr(double radius);  ///< throws unless the radius is positive and finite
   bool operator==(const Burr& other) const { return radius == other.radius; }
 };
 
-struct Material {
+struct BURRLAB_API Material {
   static constexpr double paper_force_exponent = 1.5;
   static constexpr double largest_exponent = 8.0;  ///< of either; 2^q and F^m stay far from overflow
 
@@ -34,9 +35,14 @@ struct Material {
   bool operator==(const Material& other) const;
 };
 
+/// The paper's materials "bone", "pettigrew", "pvc" and "expert" (section 4.2), with their source. The units
+/// [N/mm^2] and [1/ms] and the parabolic f are our choices: the paper states neither them nor its voxel size.
+BURRLAB_API const std::vector<Material>& paper_materials();
+BURRLAB_API const Material& paper_material(const std::string& name);  ///< throws InvalidArgument
+
 /// What is assumed inside a voxel. `cell`: it is uniform and erodes as a whole, as in the paper. `layer`
 /// resolves the layer in which a burr cuts, so that results do not depend on voxel size.
 enum class Scheme { layer, cell };
-Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
+BURRLAB_API Scheme parse_scheme(const std::string& name);  ///< throws InvalidArgument
 
 }  // namespace burrlab

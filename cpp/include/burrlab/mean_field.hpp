@@ -1,6 +1,6 @@
 // The descent at constant force in the continuum: Eqs. 2-4 without voxels, axisymmetric and deterministic.
 // Lengths are in burr radii R, times in 1/alpha. The result depends only on the erosion shape f and on phi =
-// F/(c_e R^2). Arguments out of range throw std::invalid_argument.
+// F/(c_e R^2). Arguments out of range throw InvalidArgument.
 #pragma once
 
 #include <vector>
@@ -16,15 +16,16 @@ struct MeanFieldDescent {
 
 /// The descent from static contact, H = phi^(2/3), to H = stop <= 1. The steps follow the thickness of the
 /// eroding layer. `resolution` multiplies their number; the error falls with its square.
-MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop, double resolution = 1.0);
+BURRLAB_API MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
+                                                double resolution = 1.0);
 
 /// Velocity [alpha R] at the immersion H in (0, 1] of a steady layer that is thin against the burr: the limit
 /// of small phi, exact for constant f.
-double thin_layer_velocity(const Shape& shape, double phi, double immersion);
+BURRLAB_API double thin_layer_velocity(const Shape& shape, double phi, double immersion);
 
 /// Least-squares slope of immersion over time between the immersions `start` and `stop`: uniform weight in
 /// time, H(t) linear between its points. Both arrays must rise.
-double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,
-                       double stop);
+BURRLAB_API double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion,
+                                   double start, double stop);
 
 }  // namespace burrlab

@@ -6,9 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "burrlab/error.hpp"
+
 namespace burrlab {
 
-class Shape {
+class BURRLAB_API Shape {
  public:
   /// f = y^order, where y is 1, the depth delta = 1 - x, 1 - x^2, or a table over the depth.
   enum class Kind { constant, linear, power, table };
@@ -24,10 +26,10 @@ class Shape {
   };
 
   /// The shape of one of `names()`, of "power(k)", (1 - x^2)^k with 0 < k <= 8, or of a table's name; throws
-  /// std::invalid_argument.
+  /// InvalidArgument.
   static Shape parse(const std::string& name);
   /// The table of f at x; `order` is that of the zero at x = 1, NaN to take it from the table's end. Throws
-  /// std::invalid_argument.
+  /// InvalidArgument.
   static Shape from_table(const std::vector<double>& x, const std::vector<double>& f, double order);
   static Shape parabolic() { return Shape(Kind::power, 1.0); }
   static std::vector<std::string> names();

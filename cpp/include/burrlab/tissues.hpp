@@ -25,7 +25,7 @@ struct Tissue {
 
 /// A table of tissues. A tissue's number is its place in the table. All share the f and the exponents of
 /// `material`, which also gives c_e and alpha to tissues without their own.
-class Tissues {
+class BURRLAB_API Tissues {
  public:
   static constexpr std::size_t most = 64;
   static constexpr double quanta = 4096.0;  ///< c_e counts in 1/4096 N/mm^2, so that sums are exact
@@ -57,7 +57,7 @@ class Tissues {
 
 /// Tissue numbers of a bone: one per voxel, or one per brick that is uniform. Never changes, so copies of a
 /// bone share it.
-class TissueMap {
+class BURRLAB_API TissueMap {
  public:
   using Sums = std::array<std::int64_t, Tissues::most>;  ///< by tissue
 

@@ -5,6 +5,8 @@
 #include <array>
 #include <cstdint>
 
+#include "burrlab/error.hpp"
+
 namespace burrlab {
 
 using Vec3 = Eigen::Vector3d;                ///< (x, y, z)

@@ -12,7 +12,7 @@ namespace burrlab {
 
 /// uint8 occupancy (z, y, x): 0 is empty, 255 solid bone. A voxel has two levels: `density` q, the present
 /// one, and `pristine` p, as loaded or written; q <= p. The space outside the volume is empty.
-class VoxelBone {
+class BURRLAB_API VoxelBone {
  public:
   using Levels = std::vector<std::uint8_t>;
 
@@ -53,10 +53,11 @@ class VoxelBone {
   const Index3& shape() const { return shape_; }
   const Vec3& spacing() const { return spacing_; }
   const Vec3& origin() const { return origin_; }
-  double voxel_volume() const;  ///< [mm^3]
+  double voxel_volume() const;                  ///< [mm^3]
+  double volume_of(std::int64_t levels) const;  ///< solid bone of a sum of levels [mm^3]
 
-  double mass() const;     ///< of solid bone left [mm^3]
-  double removed() const;  ///< pristine minus present [mm^3]
+  double mass() const { return volume_of(level_sum_); }                     ///< of solid bone left [mm^3]
+  double removed() const { return volume_of(pristine_sum_ - level_sum_); }  ///< pristine minus present [mm^3]
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
   Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)
@@ -77,7 +78,7 @@ class VoxelBone {
   /// Gives each voxel's pristine content a tissue; null: one material. Copies of a bone share the map.
   void set_tissues(std::shared_ptr<const TissueMap> map);
   const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
-  double mass_of(std::size_t tissue) const;     ///< present mass of a tissue [mm^3]
+  double mass_of(std::size_t tissue) const { return volume_of(tissue_levels(tissue)); }  ///< present [mm^3]
   double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
   std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
   std::vector<std::int64_t> tissue_levels() const;  ///< of each tissue; empty without tissues

@@ -26,7 +26,7 @@ static std::size_t bin_of(double distance) {
 
 AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii)
     : structures_(std::move(structures)), radii_(std::move(radii)) {
-  if (structures_.empty()) throw std::invalid_argument("structures must be at least one, got none");
+  if (structures_.empty()) throw InvalidArgument("structures must be at least one, got none");
   if (radii_.empty() || radii_.size() > std::size_t(most_burrs))
     refuse("number of burrs", "1 or 2", double(radii_.size()));
   const auto map = structures_[0].distance->search().map();
@@ -35,7 +35,7 @@ AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector
     if (radius > largest_radius) refuse("radius of a burr that is watched", "at most 6 mm", radius);
     for (const WatchedStructure& structure : structures_) {
       const StructureSearch& search = structure.distance->search();
-      if (search.map() != map) throw std::invalid_argument("structures must be of one bone");
+      if (search.map() != map) throw InvalidArgument("structures must be of one bone");
       check(map->table()[search.tissue()].name, structure.limits, radius);
     }
   }
@@ -47,7 +47,7 @@ AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector
 
 void AnatomyWatch::begin(const VoxelBone& bone, std::uint64_t tick) {
   if (!structures_[0].distance->search().fits(bone))
-    throw std::invalid_argument("bone must be the one that the watch was made of, or a copy of it");
+    throw InvalidArgument("bone must be the one that the watch was made of, or a copy of it");
   for (std::size_t s = 0; s < structures_.size(); ++s)
     begun_[s] = levels_[s] = bone.tissue_levels(structures_[s].distance->search().tissue());
   for (Beside& beside : beside_) beside = {};

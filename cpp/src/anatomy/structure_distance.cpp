@@ -11,7 +11,7 @@ namespace {
 constexpr std::int64_t block_side = brick_side * Occupancy::fan;
 
 const VoxelBone& checked(const VoxelBone& bone, std::size_t tissue) {
-  if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
+  if (!bone.tissues()) throw InvalidArgument("bone must have tissues, got one of a single material");
   const std::size_t count = bone.tissues()->table().size();
   if (tissue >= count) refuse("tissue", "below " + std::to_string(count), double(tissue));
   return bone;
@@ -61,7 +61,7 @@ StructureSearch::StructureSearch(const VoxelBone& bone, std::size_t tissue)
     });
   }
   if (last[0] < 0)
-    throw std::invalid_argument("structure must have voxels, '" + map_->table()[tissue].name + "' has none");
+    throw InvalidArgument("structure must have voxels, '" + map_->table()[tissue].name + "' has none");
   for (int axis = 0; axis < 3; ++axis) {
     low_[axis] = edge(axis, first[2 - axis]);
     high_[axis] = edge(axis, last[2 - axis] + 1);

@@ -32,7 +32,7 @@ void EffectsCompanion::start() {
   const std::lock_guard<std::mutex> life(life_mutex_);
   const std::lock_guard<std::mutex> lock(mutex_);
   if (started_ || stopping_)
-    throw std::invalid_argument("companion must be started once: it has been started or stopped");
+    throw InvalidArgument("companion must be started once: it has been started or stopped");
   started_ = running_ = true;
   thread_ = std::thread([this] { run(); });
 }

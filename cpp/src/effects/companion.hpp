@@ -27,7 +27,7 @@ struct EffectsFeed {
 };
 
 EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower);
-/// Throws std::invalid_argument unless the replica was started.
+/// Throws InvalidArgument unless the replica was started.
 EffectsFeed feed_of(const std::shared_ptr<Replica>& replica);
 
 /// What a frame shows.

@@ -14,7 +14,7 @@ namespace burrlab {
 class ForceWatchdog {
  public:
   /// Of a connected socket, which it duplicates. `rest`: a whole message with force zero, sent once when no
-  /// `beat` came for `silence` [ms]. Throws std::invalid_argument if that is not positive or it is no socket.
+  /// `beat` came for `silence` [ms]. Throws InvalidArgument if that is not positive or it is no socket.
   ForceWatchdog(int socket, std::string rest, double silence);
   ~ForceWatchdog();
 

@@ -21,7 +21,7 @@ NetworkDevice::NetworkDevice(const std::string& name, const std::string& host, i
 
 void NetworkDevice::start(double period) {
   if (client_.stopped())
-    throw std::invalid_argument(name() + " must be new: its connection was closed after a session");
+    throw InvalidArgument(name() + " must be new: its connection was closed after a session");
   MailboxDevice::start(period);
 }
 

@@ -91,7 +91,7 @@ class NetworkDevice : public MailboxDevice {
 /// zero before the connection is closed.
 class IgtlDevice : public NetworkDevice {
  public:
-  /// lost_after [ms]. Throws std::invalid_argument if `host` has no address, `port` is not 1 to 65535 or the
+  /// lost_after [ms]. Throws InvalidArgument if `host` has no address, `port` is not 1 to 65535 or the
   /// name is longer than 20 bytes.
   IgtlDevice(const std::string& host, int port, const std::string& device_name = "",
              double lost_after = 100.0, int on_button = -1);

@@ -94,7 +94,7 @@ std::uint64_t timestamp_now();
 std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
 
 // Each appends a whole message to `out`, and allocates nothing if `out` has room. The data must not lie in
-// `out`. Throws std::invalid_argument if the message cannot hold the data; `out` is then unchanged.
+// `out`. Throws InvalidArgument if the message cannot hold the data; `out` is then unchanged.
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
 void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count);  ///< [N]
 /// US-ASCII, at most 65535 bytes.

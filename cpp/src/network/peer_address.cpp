@@ -1,7 +1,6 @@
 #include "network/peer_address.hpp"
 
-#include <stdexcept>
-
+#include "burrlab/error.hpp"
 #include "socket_options.hpp"
 
 namespace burrlab {
@@ -37,7 +36,7 @@ std::vector<PeerAddress> look_up(const std::string& host, int port, bool to_list
   if (error) {
     const std::string rule =
         to_listen ? "an address of this machine" : "a name or an address that can be looked up";
-    throw std::invalid_argument("host must be " + rule + ", got '" + host + "': " + ::gai_strerror(error));
+    throw InvalidArgument("host must be " + rule + ", got '" + host + "': " + ::gai_strerror(error));
   }
   std::vector<PeerAddress> addresses;
   for (const addrinfo* at = list; at; at = at->ai_next) {
@@ -51,7 +50,7 @@ std::vector<PeerAddress> look_up(const std::string& host, int port, bool to_list
 
 WakePipe::WakePipe() {
   start_sockets();
-  if (pipe(ends_)) throw std::runtime_error("no pipe could be made: " + text_of(last_error()));
+  if (pipe(ends_)) throw RuntimeError("no pipe could be made: " + text_of(last_error()));
   for (const int end : ends_) set_flags(end);
 }
 

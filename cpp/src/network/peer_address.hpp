@@ -20,7 +20,7 @@ struct PeerAddress {
   bool is_ipv4() const;
 };
 
-/// Addresses of a host, to connect to or, if `to_listen`, of this machine. Throws std::invalid_argument if
+/// Addresses of a host, to connect to or, if `to_listen`, of this machine. Throws InvalidArgument if
 /// there is none.
 std::vector<PeerAddress> look_up(const std::string& host, int port, bool to_listen);
 

@@ -65,7 +65,7 @@ class Peer;
 /// and appends them to logs of fixed size; the publisher's own thread sends from them to all peers.
 class Publisher : public TickListener {
  public:
-  /// Listens at once; the follower must outlive it. Throws std::invalid_argument if the address or a setting
+  /// Listens at once; the follower must outlive it. Throws InvalidArgument if the address or a setting
   /// cannot be used.
   Publisher(Follower& follower, const PublisherSettings& settings);
   ~Publisher() override;

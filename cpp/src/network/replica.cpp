@@ -28,7 +28,7 @@ Replica::Replica(const std::string& host, int port) : client_(host, port) {}
 bool Replica::fetch_hello(double timeout) {
   require_positive("timeout", timeout);
   const std::lock_guard<std::mutex> lock(life_mutex_);
-  if (started_) throw std::invalid_argument("hello must be fetched before the replica is started");
+  if (started_) throw InvalidArgument("hello must be fetched before the replica is started");
   const std::int64_t until = steady_after(timeout);
   const auto left = [until] { return 1e-9 * double(until - steady_now()); };
   bool found = false;
@@ -57,15 +57,15 @@ bool Replica::fetch_hello(double timeout) {
 void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
                     std::shared_ptr<AnatomyWatch> watch) {
   const std::lock_guard<std::mutex> life(life_mutex_);
-  if (started_) throw std::invalid_argument("replica must be started once: it has been");
-  if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
-  if (hello_.session == 0) throw std::invalid_argument("hello must be fetched before the replica is started");
+  if (started_) throw InvalidArgument("replica must be started once: it has been");
+  if (!bone) throw InvalidArgument("bone must be a VoxelBone, got None");
+  if (hello_.session == 0) throw InvalidArgument("hello must be fetched before the replica is started");
   if (hello_.version != replica_protocol::version)
     refuse("version of the leader's protocol", std::to_string(replica_protocol::version), hello_.version);
   auto followed = std::make_unique<FollowedBone>(bone, setup, hello_.first_tick);
   if (followed->initial_digest().text() != hello_.digest)
-    throw std::invalid_argument("bone must be the leader's initial volume, digest " + hello_.digest +
-                                ", got " + followed->initial_digest().text());
+    throw InvalidArgument("bone must be the leader's initial volume, digest " + hello_.digest + ", got " +
+                          followed->initial_digest().text());
   followed->executor().set_watch(std::move(watch));
   const std::lock_guard<std::mutex> lock(mutex_);
   changing_ = std::make_unique<VoxelBone::Changing>(*bone);
@@ -174,7 +174,7 @@ void Replica::end(const std::string& reason, bool failed) {
 }
 
 FollowedBone& Replica::shared() const {
-  if (!bone_) throw std::invalid_argument("replica must be started first");
+  if (!bone_) throw InvalidArgument("replica must be started first");
   return *bone_;
 }
 

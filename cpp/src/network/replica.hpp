@@ -50,7 +50,7 @@ struct ReplicaStatus {
 
 class Replica : public SharedBone {
  public:
-  /// Throws std::invalid_argument if `host` has no address or `port` is not 1 to 65535.
+  /// Throws InvalidArgument if `host` has no address or `port` is not 1 to 65535.
   Replica(const std::string& host, int port);
   ~Replica() { stop(); }
 

@@ -15,7 +15,7 @@ constexpr double first_pause = 0.1, longest_pause = 1.0;  ///< of a client betwe
 
 class TcpClient {
  public:
-  /// Looks `host` up. Throws std::invalid_argument if it has no address or `port` is not 1 to 65535.
+  /// Looks `host` up. Throws InvalidArgument if it has no address or `port` is not 1 to 65535.
   TcpClient(const std::string& host, int port);
   ~TcpClient() { close(); }
 

@@ -30,8 +30,8 @@ TcpServer::TcpServer(const std::string& host, int port, int send_buffer) {
     stop_listening();
   }
   if (socket_ < 0)
-    throw std::invalid_argument("host and port must be free to listen on, got " + host + ":" +
-                                std::to_string(port) + ": " + text_of(error));
+    throw InvalidArgument("host and port must be free to listen on, got " + host + ":" +
+                          std::to_string(port) + ": " + text_of(error));
   port_ = address_of(socket_, ::getsockname).port();
 }
 
@@ -109,8 +109,8 @@ bool TcpServer::is_own(const PeerAddress& address) noexcept {
 UdpSocket::UdpSocket(const TcpServer& beside)
     : socket_(bound_socket(address_of(beside.socket(), ::getsockname), SOCK_DGRAM)) {
   if (socket_ < 0)
-    throw std::invalid_argument("port must be free for UDP too, got " + std::to_string(beside.port()) + ": " +
-                                text_of(last_error()));
+    throw InvalidArgument("port must be free for UDP too, got " + std::to_string(beside.port()) + ": " +
+                          text_of(last_error()));
 }
 
 long receive_from(int socket, std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept {

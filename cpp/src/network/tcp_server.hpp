@@ -22,7 +22,7 @@ class TcpServer {
   };
 
   /// Listens; port 0 is any free one, -1 none at all. `send_buffer`: the system's, for each connection
-  /// [bytes]. Throws std::invalid_argument if the address cannot be used.
+  /// [bytes]. Throws InvalidArgument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
   ~TcpServer() { stop_listening(); }
 
@@ -60,7 +60,7 @@ class TcpServer {
 /// A UDP socket at the address and port of a listening TCP socket.
 class UdpSocket {
  public:
-  explicit UdpSocket(const TcpServer& beside);  ///< throws std::invalid_argument if the port is taken
+  explicit UdpSocket(const TcpServer& beside);  ///< throws InvalidArgument if the port is taken
   ~UdpSocket() { close(); }
   UdpSocket(const UdpSocket&) = delete;
   UdpSocket& operator=(const UdpSocket&) = delete;

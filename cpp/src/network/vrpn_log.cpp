@@ -1,8 +1,8 @@
 #include "network/vrpn_log.hpp"
 
 #include <algorithm>
-#include <stdexcept>
 
+#include "burrlab/error.hpp"
 #include "wire.hpp"
 
 namespace burrlab::vrpn {
@@ -64,7 +64,7 @@ Log read_log(ByteView file) {
     message.kind = kind_of_type(type_name);
     if (!whole || type < first_type || type >= type_end || (names_one && !decode_name(payload, name)) ||
         decode_payload(message.kind, payload, message) == Drop::bad_length)
-      throw std::invalid_argument("at byte " + std::to_string(begin) + " stands no whole message");
+      throw InvalidArgument("at byte " + std::to_string(begin) + " stands no whole message");
     if (names_one) {
       name.remove_suffix(name.size() - (name.find_last_not_of('\0') + 1));
       (type == type_description ? types : senders)[sender] = name;

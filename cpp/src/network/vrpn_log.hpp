@@ -26,7 +26,7 @@ struct Log {
   std::map<std::string, std::uint64_t> others;  ///< messages of other types by name
 };
 
-/// Reads a whole log, whose cookie is passed over. Throws std::invalid_argument at a message that is not
+/// Reads a whole log, whose cookie is passed over. Throws InvalidArgument at a message that is not
 /// whole.
 Log read_log(ByteView file);
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstring>
 #include <iterator>
-#include <stdexcept>
 
 namespace burrlab {
 
@@ -61,7 +60,7 @@ BoneUpdate FollowedBone::take_changed(UnseenBricks& view) {
     known |= each.get() == &view;
   }
   pending_.clear();
-  if (!known) throw std::invalid_argument("view must be one of this follower");
+  if (!known) throw InvalidArgument("view must be one of this follower");
   BoneUpdate update{tick(), newest_, {}, {}};
   view.take(bone(), update);
   return update;

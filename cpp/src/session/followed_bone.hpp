@@ -66,7 +66,7 @@ class FollowedBone {
 
   /// For a new consumer: all that differs from the beginning, and what changes while it exists.
   std::shared_ptr<UnseenBricks> view();
-  /// The changes since the view was last taken; throws std::invalid_argument if it is not of this bone.
+  /// The changes since the view was last taken; throws InvalidArgument if it is not of this bone.
   BoneUpdate take_changed(UnseenBricks& view);
 
  private:

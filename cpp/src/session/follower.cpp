@@ -31,7 +31,7 @@ Follower::~Follower() {
 }
 
 void Follower::add(std::shared_ptr<TickListener> listener) {
-  if (started_.load()) throw std::invalid_argument("listener must be added before the follower is started");
+  if (started_.load()) throw InvalidArgument("listener must be added before the follower is started");
   listeners_.push_back(std::move(listener));
 }
 

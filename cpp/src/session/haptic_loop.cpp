@@ -45,7 +45,7 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   if (devices_.size() != executor_->burrs())
     refuse("number of devices", "one a burr, " + std::to_string(executor_->burrs()), double(devices_.size()));
   for (const auto& device : devices_)
-    if (!device) throw std::invalid_argument("device must be a Device, got None");
+    if (!device) throw InvalidArgument("device must be a Device, got None");
   require_positive("stall_limit", settings.stall_limit);
   if (settings.wall_clock && executor_->setup().period > 0.5 * settings.stall_limit)
     refuse("period", "at most half the limit of a stall on the wall clock", executor_->setup().period);
@@ -70,13 +70,13 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
 HapticLoop::~HapticLoop() { stop(); }
 
 void HapticLoop::add_reader(std::shared_ptr<const RecordReader> reader) {
-  if (started()) throw std::invalid_argument("reader must be added before the loop is started");
+  if (started()) throw InvalidArgument("reader must be added before the loop is started");
   readers_.push_back(reader);
 }
 
 void HapticLoop::start() {
   const std::lock_guard<std::mutex> lock(life_mutex_);
-  if (started()) throw std::invalid_argument("loop must be started once: it has been");
+  if (started()) throw InvalidArgument("loop must be started once: it has been");
   auto changing = std::make_unique<VoxelBone::Changing>(*executor_->bone());
   claim_devices();
   changing_ = std::move(changing);
@@ -122,8 +122,8 @@ void HapticLoop::claim_devices() {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     if (devices_[i]->claim()) continue;
     for (std::size_t j = 0; j < i; ++j) devices_[j]->release();
-    throw std::invalid_argument("device " + std::to_string(i) +
-                                " must serve one burr of one session at a time: it serves another");
+    throw InvalidArgument("device " + std::to_string(i) +
+                          " must serve one burr of one session at a time: it serves another");
   }
   claimed_ = true;
 }

@@ -35,7 +35,7 @@ void MailboxDevice::fail(const std::string& reason) {
 
 void MailboxDevice::start(double) {
   if (failed_.load(std::memory_order_acquire))
-    throw std::invalid_argument(name_ + " must be opened anew: " + fault_);
+    throw InvalidArgument(name_ + " must be opened anew: " + fault_);
   resume();
 }
 

@@ -22,22 +22,20 @@ OmegaDevice::OmegaDevice(int index, const ServoSettings& settings, const std::st
     : ServoDevice("omega:" + std::to_string(index), settings), dhd_(shared_library<DhdLibrary>(library)) {
   const std::lock_guard<std::mutex> lock(dhd_->mutex);
   const int found = std::min(dhd_->dhdGetDeviceCount(), 127);
-  if (found < 1)
-    throw std::invalid_argument(name() + " must be connected and switched on: no device was found");
+  if (found < 1) throw InvalidArgument(name() + " must be connected and switched on: no device was found");
   if (index < 0 || index >= found) refuse("index of an omega", "0 to " + std::to_string(found - 1), index);
   const int id = dhd_->dhdOpenID(char(index));
   const int code = id < 0 ? dhd_->dhdErrorGetLast() : 0;
   if (code == device_in_use || dhd_->open.count(id))
-    throw std::invalid_argument(name() + " must be a device of its own: it is open already");
-  if (id < 0)
-    throw std::invalid_argument(name() + " must be a device that can be opened: " + described(code));
+    throw InvalidArgument(name() + " must be a device of its own: it is open already");
+  if (id < 0) throw InvalidArgument(name() + " must be a device that can be opened: " + described(code));
   id_ = char(id);
   int status[64] = {};  // more than any version fills
   if (dhd_->dhdGetStatus(status, id_) < 0 || status[in_reset]) {
     dhd_->dhdClose(id_);
-    throw std::invalid_argument(name() +
-                                " must be calibrated: put its pole into the calibration pit until the "
-                                "lamp stops blinking");
+    throw InvalidArgument(name() +
+                          " must be calibrated: put its pole into the calibration pit until the "
+                          "lamp stops blinking");
   }
   set_hardware(dhd_->dhdGetSystemName(id_));
   dhd_->open[id] = true;
@@ -74,8 +72,8 @@ void OmegaDevice::switch_force_off() noexcept {
 
 void OmegaDevice::begin() {
   if (dhd_->dhdEnableForce(1, id_) < 0)
-    throw std::invalid_argument(name() +
-                                " must let its force be switched on: " + described(dhd_->dhdErrorGetLast()));
+    throw InvalidArgument(name() +
+                          " must let its force be switched on: " + described(dhd_->dhdErrorGetLast()));
   dhd_->dhdEmulateButton(1, id_);  // a gripper that is closed is button 0; without a gripper an error
   thread_ = std::thread([this] {
     RealtimeRequest request;

@@ -7,7 +7,7 @@
 
 namespace burrlab {
 ScriptedDevice::ScriptedDevice(std::vector<Row> rows) : rows_(std::move(rows)) {
-  if (rows_.empty()) throw std::invalid_argument("a script must have at least one row, got none");
+  if (rows_.empty()) throw InvalidArgument("a script must have at least one row, got none");
   for (std::size_t i = 0; i < rows_.size(); ++i) {
     require_finite("time", rows_[i].time);
     require_finite("position", rows_[i].position);
@@ -42,7 +42,7 @@ DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
 }
 
 ReplayDevice::ReplayDevice(std::vector<DeviceReading> ticks) : ticks_(std::move(ticks)) {
-  if (ticks_.empty()) throw std::invalid_argument("a recording must have at least one tick, got none");
+  if (ticks_.empty()) throw InvalidArgument("a recording must have at least one tick, got none");
   for (const DeviceReading& tick : ticks_) {
     require_finite("position", tick.position);
     require_finite("velocity", tick.velocity);

@@ -22,7 +22,7 @@ ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
 
 void ServoDevice::start(double) {
   if (keep_)
-    throw std::invalid_argument(name_ + " must wait for a new start of the program: its servo did not end");
+    throw InvalidArgument(name_ + " must wait for a new start of the program: its servo did not end");
   in_.put({});
   out_.put({});
   last_ = {};
@@ -46,8 +46,7 @@ void ServoDevice::start(double) {
   if (fault_.load() == 0 && last_.time != 0) return;
   const std::string why = fault();
   stop();
-  throw std::invalid_argument(name_ +
-                              " must give positions: " + (why.empty() ? "none came within 1 s" : why));
+  throw InvalidArgument(name_ + " must give positions: " + (why.empty() ? "none came within 1 s" : why));
 }
 
 void ServoDevice::stop() noexcept {

@@ -3,6 +3,7 @@
 #include "anatomy/anatomy_watch.hpp"
 #include "erosion_steps.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 
@@ -14,6 +15,7 @@ static SessionSetup checked(const SessionSetup& setup) {
 }
 
 static std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& material, double period) {
+  const StandardArithmetic arithmetic;
   std::vector<ErosionSteps> steps;
   for (int k = 1; k <= most_periods; ++k) steps.emplace_back(bone, material, k * period);
   return steps;
@@ -64,7 +66,7 @@ void TickExecutor::set_watch(std::shared_ptr<AnatomyWatch> watch) {
     bool fits = watch->burrs() == contacts_.size();
     for (std::size_t i = 0; fits && i < contacts_.size(); ++i)
       fits = watch->radius(i) == setup_.tools[i].burr.radius;
-    if (!fits) throw std::invalid_argument("watch must be of the session's burrs");
+    if (!fits) throw InvalidArgument("watch must be of the session's burrs");
     watch->begin(*bone_, tick_);
   }
   watch_ = std::move(watch);

@@ -1,4 +1,3 @@
-#include <stdexcept>
 #include "session/servo_device.hpp"
 
 namespace burrlab {
@@ -21,18 +20,17 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
     : ServoDevice(touch_name(name), settings), hd_(shared_library<HdLibrary>(library)) {
   const std::lock_guard<std::mutex> lock(hd_->mutex);
   if (hd_->running > 0)  // libHD's rule: all devices before its scheduler
-    throw std::invalid_argument(this->name() + " must be opened before a session with another touch begins");
+    throw InvalidArgument(this->name() + " must be opened before a session with another touch begins");
   take_error();  // of earlier calls
   handle_ = hd_->hdInitDevice(name.empty() ? nullptr : name.c_str());
   const int code = take_error();
   const auto same = hd_->open.find(handle_);
   if (unsigned(code) == already_initiated || same != hd_->open.end())
-    throw std::invalid_argument(this->name() + " must be a device of its own: it is open already" +
-                                (same == hd_->open.end() ? "" : ", as " + same->second));
+    throw InvalidArgument(this->name() + " must be a device of its own: it is open already" +
+                          (same == hd_->open.end() ? "" : ", as " + same->second));
   if (code != 0 || handle_ == invalid_handle)
-    throw std::invalid_argument(this->name() +
-                                " must be the name of a connected device in the vendor's set-up: " +
-                                (code ? described(code) : "none found"));
+    throw InvalidArgument(this->name() + " must be the name of a connected device in the vendor's set-up: " +
+                          (code ? described(code) : "none found"));
   hd_->hdMakeCurrentDevice(handle_);
   unsigned calibration = hd_->hdCheckCalibration();
   if (calibration == calibration_needs_update) {  // it lies where the library can calibrate it
@@ -45,9 +43,9 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
   }
   if (calibration != calibration_ok || take_error() != 0) {
     hd_->hdDisableDevice(handle_);
-    throw std::invalid_argument(this->name() +
-                                " must be calibrated: put the stylus into its inkwell, or run the "
-                                "vendor's set-up");
+    throw InvalidArgument(this->name() +
+                          " must be calibrated: put the stylus into its inkwell, or run the "
+                          "vendor's set-up");
   }
   set_hardware(hd_->hdGetString(device_model));
   hd_->open[handle_] = this->name();

@@ -2,8 +2,9 @@
 
 #include <cstdlib>
 #include <fstream>
-#include <stdexcept>
 #include <system_error>
+
+#include "burrlab/error.hpp"
 
 #ifdef _WIN32
 #define WIN32_LEAN_AND_MEAN
@@ -68,18 +69,17 @@ VendorLibrary::VendorLibrary(std::string title, const std::string& path, const c
       return;
     }
     if (why.empty())
-      throw std::invalid_argument(title_ + " must be made for this program's kind of processor: " + name +
-                                  " is made for another");
+      throw InvalidArgument(title_ + " must be made for this program's kind of processor: " + name +
+                            " is made for another");
     failures +=
         (failures.empty() ? "" : "; ") + (why.find(name) == std::string::npos ? name + ": " + why : why);
   }
-  throw std::invalid_argument(title_ + " must be installed, or " + variable +
-                              " must name its file: " + failures);
+  throw InvalidArgument(title_ + " must be installed, or " + variable + " must name its file: " + failures);
 }
 
 void* VendorLibrary::function(const char* name) const {
   if (void* found = find_symbol(handle_, name)) return found;
-  throw std::invalid_argument(title_ + " must have the function " + name + ": " + path_ + " lacks it");
+  throw InvalidArgument(title_ + " must have the function " + name + ": " + path_ + " lacks it");
 }
 
 #if defined(_WIN32)

@@ -3,12 +3,9 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from burrlab._core import Material
+from burrlab._core import Material, paper_materials
 from burrlab.common.check import nearest
 from burrlab.common.records import PAPER_LAW, law_of
-
-_PAPER = "Agus et al., HAPTICS 2004, section 4.2"
-_UNKNOWN = "the paper's f and voxel size are unknown; alpha holds for one drill, burr type and speed"
 
 
 class Materials(Mapping[str, Material]):
@@ -64,9 +61,4 @@ def material_of(constants: Mapping[str, Any], name: str, source: str = "") -> Ma
 
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:
 #: the paper states neither them nor its voxel size.
-materials = Materials(
-    Material("bone", c_e=2.145, alpha=0.087, source=f"{_PAPER}: fitted, mastoid bone; {_UNKNOWN}"),
-    Material("pettigrew", c_e=1.504, alpha=0.116, source=f"{_PAPER}: fitted, Pettigrew resin; {_UNKNOWN}"),
-    Material("pvc", c_e=0.462, alpha=0.256, source=f"{_PAPER}: fitted, PVC K70; {_UNKNOWN}"),
-    Material("expert", c_e=1.5, alpha=0.1, source=f"{_PAPER}: set by expert surgeons; {_UNKNOWN}"),
-)
+materials = Materials(*paper_materials())

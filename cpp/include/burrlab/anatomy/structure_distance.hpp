@@ -18,7 +18,7 @@ struct NearestVoxel {
 
 /// The exact distance from a point to a structure: to the nearest of its voxels, each a box. The structure is
 /// all voxels with the tissue's number, whatever bone they hold.
-class StructureSearch {
+class BURRLAB_API StructureSearch {
  public:
   /// Throws if the bone has no tissues, the tissue is not in its table or has no voxel.
   StructureSearch(const VoxelBone& bone, std::size_t tissue);
@@ -54,7 +54,7 @@ class StructureSearch {
 
 /// Distances on a coarse grid around a structure, linear between the nodes. A node near the structure gets
 /// its exact distance when it is first asked for, also in several threads: each would store the same number.
-class DistanceField {
+class BURRLAB_API DistanceField {
  public:
   static constexpr double exact_to = 8.0;  ///< nodes nearer than this have the exact distance [mm]
 
@@ -98,7 +98,7 @@ struct SphereDistance {
   double within;  ///< not positive if nothing is known [mm]
 };
 
-class StructureDistance {
+class BURRLAB_API StructureDistance {
  public:
   static constexpr double exact_below = 1.0;  ///< distances of a burr's surface below this are exact [mm]
 

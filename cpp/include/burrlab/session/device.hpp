@@ -37,7 +37,7 @@ struct DeviceModel {
 };
 
 /// The loop calls `read` and `write` in turn, in its thread. Neither may wait, lock, allocate or throw.
-class Device {
+class BURRLAB_API Device {
  public:
   virtual ~Device() = default;
 

@@ -32,7 +32,7 @@ struct EnergyGiven {
   double now = 0.0, most = 0.0;
 };
 
-class HapticLoop {
+class BURRLAB_API HapticLoop {
  public:
   /// One device per burr. Holds the executor's bone from `start` to the loop's end.
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,

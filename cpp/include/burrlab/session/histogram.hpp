@@ -6,10 +6,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "burrlab/error.hpp"
+
 namespace burrlab {
 
 /// Values [us] in 32 bins per octave, from 1/16 us to 1 s and beyond.
-class Histogram {
+class BURRLAB_API Histogram {
  public:
   static constexpr int bins_per_octave = 32, octaves = 25, bins = bins_per_octave * octaves;
   static constexpr double lowest = 0.0625;  ///< lower end of the first octave [us]

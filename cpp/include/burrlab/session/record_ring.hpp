@@ -6,12 +6,13 @@
 #include <memory>
 #include <vector>
 
+#include "burrlab/error.hpp"
 #include "burrlab/session/tick_record.hpp"
 
 namespace burrlab {
 
 /// Keeps the last `capacity` records. A reader that falls further behind can tell.
-class RecordRing {
+class BURRLAB_API RecordRing {
  public:
   explicit RecordRing(std::size_t capacity);
 

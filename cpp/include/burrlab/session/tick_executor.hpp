@@ -27,7 +27,7 @@ struct SessionSetup {
   Scheme scheme = Scheme::layer;
 };
 
-class TickExecutor {
+class BURRLAB_API TickExecutor {
  public:
   /// `tick`: ticks executed on this bone before. Throws if a tool does not fit the bone.
   TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick = 0);
@@ -64,6 +64,6 @@ class TickExecutor {
 };
 
 /// Throws unless the record can be executed: k in 1..8, this number of burrs, finite centres.
-void check_record(const TickRecord& record, std::size_t burrs);
+BURRLAB_API void check_record(const TickRecord& record, std::size_t burrs);
 
 }  // namespace burrlab

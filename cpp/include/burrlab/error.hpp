@@ -1,0 +1,50 @@
+// What crosses the library's border: its visible symbols and its errors.
+//
+//     try {
+//       burrlab::Burr burr(-1.0);
+//     } catch (const burrlab::Error& error) {
+//       std::puts(error.what());  // radius must be positive and finite, got -1
+//     }
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+// Symbols are hidden but for those with this mark. A shared library for Windows is built and used with
+// BURRLAB_SHARED, which the CMake target sets.
+#if defined(_WIN32) && defined(BURRLAB_SHARED)
+#ifdef burrlab_EXPORTS
+#define BURRLAB_API __declspec(dllexport)
+#else
+#define BURRLAB_API __declspec(dllimport)
+#endif
+#elif defined(_WIN32)
+#define BURRLAB_API
+#else
+#define BURRLAB_API __attribute__((visibility("default")))
+#endif
+
+namespace burrlab {
+
+/// Base of the library's errors. Each is a standard exception, too; only std::bad_alloc is that alone.
+class BURRLAB_API Error {
+ public:
+  virtual ~Error();
+  virtual const char* what() const noexcept = 0;  ///< one sentence: what, the rule, what came
+};
+
+/// An argument that breaks a rule, or an action that the state does not allow.
+class BURRLAB_API InvalidArgument : public std::invalid_argument, public Error {
+ public:
+  explicit InvalidArgument(const std::string& sentence) : invalid_argument(sentence) {}
+  const char* what() const noexcept override;
+};
+
+/// The system refused something.
+class BURRLAB_API RuntimeError : public std::runtime_error, public Error {
+ public:
+  explicit RuntimeError(const std::string& sentence) : runtime_error(sentence) {}
+  const char* what() const noexcept override;
+};
+
+}  // namespace burrlab

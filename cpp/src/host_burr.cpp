@@ -1,5 +1,6 @@
 #include "burrlab/host_burr.hpp"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 #include "require.hpp"
@@ -44,10 +45,9 @@ Vec3 HostBurr::to_bone(const Vec3& position) const {
 }
 
 Vec3 HostBurr::turned_to_host(const Vec3& direction) const {
-  const auto& m = settings_.to_bone;
-  Vec3 out;
-  for (std::size_t i = 0; i < 3; ++i)
-    out[Eigen::Index(i)] = (m[i] * direction[0] + m[4 + i] * direction[1] + m[8 + i] * direction[2]) / scale_;
+  Vec3 out = Vec3::Zero();
+  for (std::size_t i = 0; i < 12; ++i)
+    if (i % 4 < 3) out[Eigen::Index(i % 4)] += settings_.to_bone[i] / scale_ * direction[Eigen::Index(i / 4)];
   return out;
 }
 
@@ -56,7 +56,7 @@ Vec3 HostBurr::to_host(const Vec3& position) const {
   return turned_to_host(position - Vec3(m[3], m[7], m[11])) / scale_;
 }
 
-HostForce HostBurr::step(const Vec3& center, double dt, bool on, const Vec3& reference) {
+HostForce HostBurr::step(const Vec3& center, double dt, bool on, const Vec3& reference) noexcept try {
   const StandardArithmetic arithmetic;
   if (!(dt > 0.0 && dt <= longest_step)) refuse("dt", "above 0 and at most 1000 ms", dt);
   require_finite("reference", reference);
@@ -75,6 +75,10 @@ HostForce HostBurr::step(const Vec3& center, double dt, bool on, const Vec3& ref
   lifted_ = false;
   feel.force = turned_to_host(last_.force);
   feel.torque = (center - reference).cross(feel.force);
+  return feel;
+} catch (const std::exception& error) {
+  HostForce feel;
+  feel.refused = (refused_ = error.what()).c_str();
   return feel;
 }
 

@@ -37,6 +37,7 @@ bool read(const std::string& number, double& value) {
 
 /// The shortest text that gives the same number.
 std::string written(double value) {
+  const StandardArithmetic arithmetic;
   for (int digits = 1;; ++digits) {
     std::ostringstream text;
     text.imbue(std::locale::classic());

@@ -5,6 +5,7 @@
 //     const burrlab::HostForce feel = burr.step(tip, 1.0, drill_turns, handle);
 //     body.add_force(feel.force);    // [N]
 //     body.add_torque(feel.torque);  // about `handle` [N m]
+//     if (feel.refused) log(feel.refused);
 #pragma once
 
 #include <array>
@@ -25,14 +26,15 @@ struct HostSettings {
 
 /// What a host feels of one step.
 struct HostForce {
-  Vec3 force = Vec3::Zero();   ///< on the burr, at the step's end, before its last tick's erosion [N]
-  Vec3 torque = Vec3::Zero();  ///< about the reference point, (centre - reference) x F [N host length]
-  double removed = 0.0;        ///< solid bone removed in the step [mm^3]
-  int ticks = 0;               ///< that the step was cut into
+  Vec3 force = Vec3::Zero();      ///< on the burr, at the step's end, before its last tick's erosion [N]
+  Vec3 torque = Vec3::Zero();     ///< about the reference point, (centre - reference) x F [N host length]
+  double removed = 0.0;           ///< solid bone removed in the step [mm^3]
+  int ticks = 0;                  ///< that the step was cut into
+  const char* refused = nullptr;  ///< why nothing was done, valid until the next step; null if it was done
 };
 
 /// One thread at a time steps the burrs of a bone. Burrs step in the order of the calls: the first one meets
-/// the bone that the second has not touched yet. A step allocates nothing.
+/// the bone that the second has not touched yet. A step that is done allocates nothing.
 class BURRLAB_API HostBurr {
  public:
   static constexpr double longest_step = 1000.0;  ///< of the host [ms]
@@ -42,10 +44,10 @@ class BURRLAB_API HostBurr {
            const HostSettings& settings);
 
   /// The burr moves in a straight line from where the last step ended to `center` [host length], in dt [ms]
-  /// in (0, 1000], which may differ from call to call. A burr that is not `on` feels and does not cut. Throws
-  /// if a number is not finite, alpha dt is above 1000, or another thread uses the bone; then nothing has
-  /// changed.
-  HostForce step(const Vec3& center, double dt, bool on, const Vec3& reference);
+  /// in (0, 1000], which may differ from call to call. A burr that is not `on` feels and does not cut.
+  /// Refused, at zero force, if a number is not finite, alpha dt of a tick is above 1000, or another thread
+  /// uses the bone.
+  HostForce step(const Vec3& center, double dt, bool on, const Vec3& reference = Vec3::Zero()) noexcept;
   /// Forgets where the last step ended: the next one begins at its own end.
   void lift() { lifted_ = true; }
 
@@ -64,6 +66,7 @@ class BURRLAB_API HostBurr {
   bool lifted_ = true;
   Vec3 center_ = Vec3::Zero();  // of the last step's end, in the bone [mm]
   Contact last_;
+  std::string refused_;
 };
 
 }  // namespace burrlab

@@ -4,6 +4,7 @@
 
 #include "brick_walk.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 namespace {
@@ -75,6 +76,7 @@ double StructureSearch::gap(int axis, double point, std::int64_t first, std::int
 }
 
 double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, double bound) const noexcept {
+  const StandardArithmetic arithmetic;
   const auto squared_to = [&](const Index3& first, const Index3& last) {
     const double z = gap(2, point[2], first[0], last[0]), y = gap(1, point[1], first[1], last[1]);
     const double x = gap(0, point[0], first[2], last[2]);
@@ -189,6 +191,7 @@ float DistanceField::node(const Index3& at, NearestVoxel& nearest) const noexcep
 }
 
 double DistanceField::at(const Vec3& point, NearestVoxel& nearest) const noexcept {
+  const StandardArithmetic arithmetic;
   Index3 whole;
   double part[3];  // (z, y, x)
   for (int i = 0; i < 3; ++i) {
@@ -219,12 +222,14 @@ double DistanceField::depth(const Vec3& point) const noexcept {
 }
 
 double StructureDistance::of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
+  const StandardArithmetic arithmetic;
   const double far = field_.at(center, nearest);
   return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
 }
 
 SphereDistance StructureDistance::around(const Vec3& center, double radius,
                                          NearestVoxel& nearest) const noexcept {
+  const StandardArithmetic arithmetic;
   const double far = field_.at(center, nearest), depth = field_.depth(center);
   if (std::isinf(far)) return {far, 1.0, -depth};
   if (!is_far(far - radius)) {

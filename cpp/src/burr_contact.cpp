@@ -47,8 +47,8 @@ void BurrContact::check_tissues() const {
 
 // Makes new constants if dt differs from the last one, or the bone has other tissues.
 const ErosionSteps& BurrContact::steps_of(double dt) {
-  const StandardArithmetic arithmetic;
   if (dt == dt_ && tissues_ == bone_->tissues()) return *steps_;
+  const StandardArithmetic arithmetic;
   check_tissues();
   *steps_ = ErosionSteps(*bone_, material_, dt);
   tissues_ = bone_->tissues();
@@ -63,7 +63,7 @@ Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) co
     const std::int64_t whole = sums.stiffness / sums.mass, rest = sums.stiffness % sums.mass;
     contact.c_e = (double(whole) + double(rest) / double(sums.mass)) / Tissues::quanta;
   }
-  const ElasticForce elastic = elastic_force(moments, burr_.radius, contact.c_e, material_.force_exponent);
+  const ElasticForce elastic = force_of(moments, burr_.radius, contact.c_e, material_.force_exponent);
   contact.force = elastic.force;
   contact.magnitude = elastic.magnitude;
   contact.normal = elastic.normal;

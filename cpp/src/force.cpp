@@ -6,6 +6,7 @@
 #include "portable_math.hpp"
 #include "require.hpp"
 #include "standard_arithmetic.hpp"
+#include "tick.hpp"
 
 namespace burrlab {
 
@@ -19,12 +20,16 @@ static double relative_penetration(double m) {
   return root * s;
 }
 
-double penetration(double m0, double radius) {
-  const StandardArithmetic arithmetic;
+static double depth_of(double m0, double radius) {
   require_not_negative("m0", m0);
   require_positive("radius", radius);
   if (m0 == 0.0) return 0.0;
   return relative_penetration(std::min(m0 / (pi * radius * radius * radius), 4.0 / 3.0)) * radius;  // Eq. 2
+}
+
+double penetration(double m0, double radius) {
+  const StandardArithmetic arithmetic;
+  return depth_of(m0, radius);
 }
 
 // u^q; q = 3/2 by the root.
@@ -34,11 +39,15 @@ static double raised(double u, double q) {
 
 ElasticForce elastic_force(const Moments& moments, double radius, double c_e, double force_exponent) {
   const StandardArithmetic arithmetic;
+  return force_of(moments, radius, c_e, force_exponent);
+}
+
+ElasticForce force_of(const Moments& moments, double radius, double c_e, double force_exponent) {
   ElasticForce result;
   require_positive("c_e", c_e);
   if (!(force_exponent >= 1.0 && force_exponent <= Material::largest_exponent))
     refuse("force_exponent", "1 to 8", force_exponent);
-  result.penetration = penetration(moments.m0, radius);
+  result.penetration = depth_of(moments.m0, radius);
   const Vec3& m1 = moments.m1;
   const double length = std::sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2]);
   require_finite("m1", length);

@@ -37,7 +37,7 @@ bool read(const std::string& number, double& value) {
 
 /// The shortest text that gives the same number.
 std::string written(double value) {
-  const StandardArithmetic arithmetic;
+  const StandardEnvironment environment;
   for (int digits = 1;; ++digits) {
     std::ostringstream text;
     text.imbue(std::locale::classic());
@@ -100,7 +100,7 @@ std::vector<std::string> Shape::names() {
 }
 
 Shape Shape::parse(const std::string& name) {
-  const StandardArithmetic arithmetic;
+  const StandardEnvironment environment;
   std::string known;
   for (const Named& row : named) {
     if (name == row.name) return Shape(row.kind, row.order);

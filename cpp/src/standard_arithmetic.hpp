@@ -2,29 +2,47 @@
 // one for its thread (-ffast-math does so for a whole program); it gets its own back.
 #pragma once
 
-#if !defined(__x86_64__) && !defined(_M_X64) && !defined(__aarch64__)
 #include <cfenv>
+#if defined(__x86_64__) || defined(_M_X64)
+#include <immintrin.h>
 #endif
 
 namespace burrlab {
 
-/// Sets the thread's arithmetic while it lives. Public functions whose numbers must not depend on the host's
-/// have one; it takes some 3 ns where there is nothing to set. Its calls are never inlined: a compiler that
-/// knows nothing of rounding modes would move an operation past the two instructions.
+/// All of the thread's floating-point state while it lives. Reading a number from a text asks for all of it.
+class StandardEnvironment {
+ public:
+  StandardEnvironment() noexcept;
+  ~StandardEnvironment();
+  StandardEnvironment(const StandardEnvironment&) = delete;
+
+ private:
+  std::fenv_t host_;
+};
+
+/// The part that vector and scalar instructions use. Public functions whose numbers must not depend on the
+/// host's have one. The calls that change it are never inlined: a compiler that knows nothing of rounding
+/// modes would move an operation past the instruction.
+#if defined(__x86_64__) || defined(_M_X64)
 class StandardArithmetic {
  public:
-  StandardArithmetic() noexcept;
-  ~StandardArithmetic();
+  StandardArithmetic() noexcept : host_(_mm_getcsr()) {
+    if (differs()) set(nearest);
+  }
+  ~StandardArithmetic() {
+    if (differs()) set(host_);
+  }
   StandardArithmetic(const StandardArithmetic&) = delete;
 
  private:
-#if defined(__x86_64__) || defined(_M_X64)
-  unsigned host_[2];
-#elif defined(__aarch64__)
-  unsigned long long host_;
-#else
-  std::fenv_t host_;
-#endif
+  static constexpr unsigned flags = 0x3F, nearest = 0x1F80;  // of exceptions that came; all masked
+  bool differs() const { return (host_ & ~flags) != nearest; }
+  static void set(unsigned state) noexcept;
+
+  unsigned host_;
 };
+#else
+using StandardArithmetic = StandardEnvironment;
+#endif
 
 }  // namespace burrlab

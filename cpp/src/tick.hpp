@@ -25,6 +25,9 @@ struct TickSums {
   std::int64_t stiffness = 0;      ///< sum of K M, of a bone with tissues [1/4096 N/mm^2 times 1/256 level]
 };
 
+/// `elastic_force` where the arithmetic is set already.
+ElasticForce force_of(const Moments& moments, double radius, double c_e, double force_exponent);
+
 /// The sphere in the grid of one bone.
 class Tick {
  public:

@@ -98,9 +98,16 @@ void VoxelBone::refuse_use(int users) {
 
 double VoxelBone::voxel_volume() const { return spacing_.prod(); }
 
-double VoxelBone::volume_of(std::int64_t levels) const {
+double VoxelBone::volume_of(std::int64_t levels) const { return double(levels) * (voxel_volume() / 255.0); }
+
+double VoxelBone::mass() const {
   const StandardArithmetic arithmetic;
-  return double(levels) * (voxel_volume() / 255.0);
+  return volume_of(level_sum_);
+}
+
+double VoxelBone::removed() const {
+  const StandardArithmetic arithmetic;
+  return volume_of(pristine_sum_ - level_sum_);
 }
 
 std::size_t VoxelBone::hierarchy_bytes() const {

@@ -41,7 +41,10 @@ void ends() {
     CHECK(run.device->last == Vec3::Zero());
   }
   {
-    Run run(virtual_clock(1000));
+    std::vector<std::string> messages;
+    LoopSettings settings = virtual_clock(1000);
+    settings.message = [&](const std::string& sentence) { messages.push_back(sentence); };
+    Run run(settings);
     run.device->what = [](int n, DeviceReading& r) {
       if (n < 5) r.status = DeviceReading::Status::waiting;
       if (n == 35) r.status = DeviceReading::Status::finished;
@@ -49,6 +52,7 @@ void ends() {
     run.to_end();
     CHECK(!run.loop->failed() && run.loop->counts().ticks == 30);
     CHECK(run.loop->reason() == "device 0 has come to its end");
+    CHECK(messages == std::vector<std::string>{run.loop->reason()});
   }
 }
 

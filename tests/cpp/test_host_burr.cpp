@@ -156,7 +156,7 @@ void check_arithmetic() {
   std::vector<Vec3> centers;
   for (int i = 0; i < 40; ++i) centers.push_back(1e-3 * center(10 * i));
   const auto plain = outcome(centers);
-  CHECK(plain.second.size() > 200 && plain.second[1] > 0.1);
+  CHECK(plain.second.size() > 200 && plain.second[157] > 0.1);
   for (const int rounding : {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO}) {
     std::fesetround(rounding);
     const bool same = outcome(centers) == plain, kept = std::fegetround() == rounding;

@@ -56,8 +56,8 @@ class BURRLAB_API VoxelBone {
   double voxel_volume() const;                  ///< [mm^3]
   double volume_of(std::int64_t levels) const;  ///< solid bone of a sum of levels [mm^3]
 
-  double mass() const { return volume_of(level_sum_); }                     ///< of solid bone left [mm^3]
-  double removed() const { return volume_of(pristine_sum_ - level_sum_); }  ///< pristine minus present [mm^3]
+  double mass() const;     ///< of solid bone left [mm^3]
+  double removed() const;  ///< pristine minus present [mm^3]
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
   Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)

@@ -15,6 +15,7 @@
 #include "session/passivity_observer.hpp"
 #include "session/realtime.hpp"
 #include "session/virtual_coupling.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 namespace {
@@ -200,9 +201,12 @@ void HapticLoop::watch() {
 void HapticLoop::run() {
   if (settings_.wall_clock) {
     std::vector<std::string> notes = become_realtime(settings_.realtime);
+    if (settings_.message)
+      for (const std::string& note : notes) settings_.message(note);
     const std::lock_guard<std::mutex> lock(mutex_);
     notes_ = std::move(notes);
   }
+  const StandardArithmetic arithmetic;
   const std::int64_t start = steady_now(), stall = std::llround(settings_.stall_limit * 1e6);
   std::int64_t deadline = 0, last_start = start;
   heartbeat_.store(start, std::memory_order_release);
@@ -245,6 +249,7 @@ void HapticLoop::run() {
   }
   stop_devices();
   if (settings_.wall_clock && settings_.realtime.lock_memory) unlock_memory();
+  if (settings_.message) settings_.message(reason());
   changing_.reset();
   running_.store(false, std::memory_order_release);
 }

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <string>
 #include <vector>
 
 #include "burrlab/session/device.hpp"
@@ -48,6 +50,9 @@ struct LoopSettings {
   std::vector<DeviceModel> models{};  ///< one a burr, or none: what a device does not say itself
   double stop_force = std::numeric_limits<double>::infinity();  ///< the session ends when it is wanted [N]
   std::uint32_t stop_buttons = 0;                               ///< bits of buttons that end the session
+  /// Called by the loop's thread, before its first tick with what the system granted, a sentence each, and
+  /// after the last with why it ended. It must not throw.
+  std::function<void(const std::string&)> message{};
 };
 
 }  // namespace burrlab

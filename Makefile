@@ -1,4 +1,4 @@
-# make demo | test | test-slow | oldest | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
+# make demo | test | test-slow | cpp | oldest | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -6,10 +6,10 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
 # build/ holds all builds, each file once. The installation is editable: a change in Python compiles nothing.
 SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
-CONFIGURE := $(BIN)/cmake -S . -B build
+CONFIGURE := $(BIN)/cmake -S . -B build -DBURRLAB_PYTHON=ON
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow oldest golden bench fuzz figures docs linkcheck wheel windows format clean machine
+.PHONY: demo test test-slow cpp oldest golden bench fuzz figures docs linkcheck wheel windows format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -53,6 +53,18 @@ test: $(VENV)/developed
 	$(BIN)/python -m pytest -n 2 -m "not slow" tests/python
 	$(BIN)/python -m pytest -p no:cacheprovider --doctest-modules --pyargs burrlab
 	$(BIN)/python -m pytest --nbmake -n 2 --nbmake-timeout=600 notebooks
+
+# The examples in C++ and C, built and run with the library as it is installed
+cpp: $(VENV)/developed
+	$(CONFIGURE)
+	$(BIN)/cmake --build build --target burrlab
+	rm -rf build/prefix
+	$(BIN)/cmake --install build --component cpp --prefix build/prefix
+	$(BIN)/cmake -S examples/cpp -B build/examples -DCMAKE_PREFIX_PATH=$(abspath build/prefix)
+	$(BIN)/cmake --build build/examples
+	cd build/examples && for example in tick descent device renderer host host_c; do ./$$example || exit 1; done
+	$(BIN)/burrlab replay build/examples/device.burr
+	$(BIN)/burrlab fit build/examples/descent.csv --radius 3
 
 test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
@@ -113,9 +125,9 @@ wheel: $(VENV)/tools
 
 # The C++ tests as programs for Windows, under Wine: apt-get install g++-mingw-w64-x86-64-posix wine
 windows: $(VENV)/tools
-	$(CONFIGURE)/windows -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
+	$(BIN)/cmake -S . -B build/windows -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
 	  -DCMAKE_CXX_COMPILER=x86_64-w64-mingw32-g++-posix -DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_CROSSCOMPILING_EMULATOR=wine \
-	  -DPython_EXECUTABLE=$(abspath $(BIN))/python -DBURRLAB_PYTHON=OFF -DBURRLAB_TESTS=ON
+	  -DCMAKE_PREFIX_PATH="$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmeel.prefix" -DBURRLAB_TESTS=ON
 	$(BIN)/cmake --build build/windows -j 2
 	WINEPREFIX=$(abspath build)/wine $(BIN)/ctest --test-dir build/windows --output-on-failure
 

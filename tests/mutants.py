@@ -20,6 +20,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import threading
 from collections import Counter
@@ -241,25 +242,19 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
     tree, build = folder / "core", folder / "build"
     jobs = [[sys.executable, "-m", "cmake", "--build", str(build)]]
     if not tree.exists():
-        for part in ("cpp", "tests/cpp", "tests/fuzz", "tests/stubs", "CMakeLists.txt"):
+        for part in ("cpp", "tests/cpp", "tests/fuzz", "tests/stubs", "CMakeLists.txt", "pyproject.toml"):
             copy_of = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
             (tree / part).parent.mkdir(parents=True, exist_ok=True)
             copy_of(ROOT / part, tree / part)
-        pybind11 = subprocess.check_output(
-            [sys.executable, "-m", "pybind11", "--cmakedir"], text=True
-        ).strip()
+        eigen = Path(sysconfig.get_path("purelib")) / "cmeel.prefix"
         options = (
-            "BURRLAB_TESTS=ON",
-            "CMAKE_UNITY_BUILD=OFF",
-            "CMAKE_BUILD_TYPE=Release",
-            f"pybind11_DIR={pybind11}",
+            "-DBURRLAB_TESTS=ON",
+            "-DCMAKE_UNITY_BUILD=OFF",
+            "-DCMAKE_BUILD_TYPE=Release",
+            f"-DCMAKE_PREFIX_PATH={eigen}",
         )
-        given = [
-            f"-D{option}"
-            for option in (*options, "SKBUILD_PROJECT_VERSION=0", f"Python_EXECUTABLE={sys.executable}")
-        ]
         jobs.insert(
-            0, [sys.executable, "-m", "cmake", "-S", str(tree), "-B", str(build), "-G", "Ninja", *given]
+            0, [sys.executable, "-m", "cmake", "-S", str(tree), "-B", str(build), "-G", "Ninja", *options]
         )
     copied = tree / path.relative_to(ROOT)
     kept = copied.read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 #include "brick_levels.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <new>
 
 #include "kernel/kernel.hpp"
@@ -15,7 +16,7 @@ static bool change(std::uint64_t& word, int bit, bool on) {
 }
 
 Tiles::Tiles(std::size_t bricks)
-    : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
+    : memory_(std::calloc(bricks * brick_voxels + 63, 1), std::free),
       first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) &
                                              ~std::uintptr_t{63})) {
   if (!memory_) throw std::bad_alloc();

@@ -40,6 +40,7 @@ VoxelBone::VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacin
     : VoxelBone(shape, spacing, origin) {
   const auto count = static_cast<std::size_t>(product(bricks_));
   density_ = Tiles(count);
+  versions_ = std::make_shared<BrickVersions>(count);
   sums_.resize(count);
   level_.resize(count, level);
   state_.resize(count, level > 0 && level < 32 ? uniform | faint : uniform);
@@ -76,6 +77,7 @@ VoxelBone::VoxelBone(const VoxelBone& other)
       spacing_(other.spacing_),
       origin_(other.origin_),
       density_(other.sums_.size()),
+      versions_(std::make_shared<BrickVersions>(other.sums_.size())),
       sums_(other.sums_),
       level_(other.level_),
       state_(other.state_),
@@ -209,17 +211,30 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
   return out;
 }
 
+// Sets the present levels of a brick, and nothing that follows from them.
+void VoxelBone::set_tile(std::size_t brick, const std::uint8_t* levels) {
+  versions_->begin(brick);
+  for (int row = 0; row < brick_voxels; row += brick_side) {
+    std::uint64_t image;
+    std::memcpy(&image, levels + row, sizeof image);
+    store_row(density_.tile(brick) + row, image);
+  }
+  versions_->end(brick, true);
+}
+
 // Sets the present levels of a box that lies inside, and the pristine ones to the same.
 void VoxelBone::set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels,
                         bool pristine_too) {
   each_brick(bricks_, start, shape, [&](const Index3& at, std::size_t brick) {
-    std::uint8_t pristine[brick_voxels];
+    std::uint8_t density[brick_voxels], pristine[brick_voxels];
+    std::memcpy(density, tile(brick), brick_voxels);
     copy_pristine(at, brick, pristine);
     count_tissues(brick, -1);
     each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
       if (pristine_too) std::memcpy(pristine + in_tile, levels + in_box, length);
-      std::memcpy(density_.tile(brick) + in_tile, levels + in_box, length);
+      std::memcpy(density + in_tile, levels + in_box, length);
     });
+    set_tile(brick, density);
     update_brick(at, brick, pristine);
     count_tissues(brick, 1);
   });
@@ -252,7 +267,9 @@ void VoxelBone::reset() {
   each_brick(bricks_, {0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     if (!(state_[brick] & eroded)) return;
     count_tissues(brick, -1);
-    copy_pristine(at, brick, density_.tile(brick));
+    std::uint8_t pristine[brick_voxels];
+    copy_pristine(at, brick, pristine);
+    set_tile(brick, pristine);
     state_[brick] = static_cast<std::uint8_t>((state_[brick] & ~eroded) | changed);
     sums_[brick] = sum_brick(tile(brick));
     occupancy_.set(at, sums_[brick].mass > 0);
@@ -266,12 +283,14 @@ std::uint8_t* VoxelBone::open(std::size_t brick) {
     std::memcpy(pristine_.tile(brick), tile(brick), brick_voxels);
     state_[brick] |= saved;
   }
+  versions_->begin(brick);
   return density_.tile(brick);
 }
 
 std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now,
                               std::uint8_t* before) {
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
+  versions_->end(brick, lost != 0);
   if (lost == 0) return 0;
   sums_[brick] = now;
   state_[brick] |= eroded | changed;
@@ -292,8 +311,8 @@ void VoxelBone::write_pages() {
   constexpr std::size_t page = 4096;
   for (Tiles* tiles : {&density_, &pristine_}) {
     if (tiles->empty()) continue;
-    volatile std::uint8_t* first = tiles->tile(0);
-    for (std::size_t i = 0; i < sums_.size() * brick_voxels; i += page) first[i] = first[i];
+    for (std::size_t i = 0; i < sums_.size() * brick_voxels; i += page)
+      store_row(tiles->tile(0) + i, load_shared_row(tiles->tile(0) + i));
   }
 }
 
@@ -337,7 +356,7 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
   std::uint8_t before[brick_voxels];  // the tile may hold the pristine levels
   std::memcpy(before, pristine, brick_voxels);
   count_tissues(brick, -1);
-  std::memcpy(density_.tile(brick), density, brick_voxels);
+  set_tile(brick, density);
   update_brick(at, brick, before);
   count_tissues(brick, 1);
 }
@@ -349,7 +368,8 @@ void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
   if (std::memcmp(levels, tile(brick), brick_voxels) == 0) return;
   if (tissues_) tissues_->add(brick, tile(brick), sums_[brick].mass, -1, tissue_sums_.present);
   level_sum_ -= sums_[brick].mass;
-  std::memcpy(open(brick), levels, brick_voxels);
+  open(brick);
+  set_tile(brick, levels);
   state_[brick] |= eroded | changed;
   sums_[brick] = sum_brick(tile(brick));
   level_sum_ += sums_[brick].mass;

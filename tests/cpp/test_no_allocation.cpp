@@ -1,9 +1,11 @@
 // A tick allocates nothing: step, probe and erode, every scheme and shape, every CPU path, from the first
-// tick on; bones uniform and not, fresh, copied, written and restored, with and without tissues.
+// tick on; bones uniform and not, fresh, copied, written and restored, with and without tissues. Nor does a
+// view of the bone, once it has grown.
 #include <cstring>
 #include <memory>
 #include <random>
 
+#include "burrlab/bone_view.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "check.hpp"
 #include "count_allocations.hpp"
@@ -87,6 +89,29 @@ void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape, bo
   CHECK(probed > 0.0 && force > 0.0 && stepped > 0.0 && eroded > 0.0);
 }
 
+void check_view() {
+  const auto bone = std::make_shared<VoxelBone>(bone_of(levels(100, 255)));
+  BurrContact contact(bone, Burr(1.5), Material("any", 2.0, 0.4, Shape::parabolic(), ""), 1, 0,
+                      Scheme::layer);
+  BoneView view(*bone);
+  BoneView::Changes changes;
+  std::size_t opened = 0;
+  const auto work = [&] {
+    bone->reset();
+    contact.tick = 0;
+    view.update(changes);
+    for (int i = 0; i < 200; ++i) {
+      contact.step(Vec3(2.0, 2.1, 4.9 - 0.005 * i), 1.0, true);
+      view.update(changes);
+      opened += changes.opened.size();
+    }
+  };
+  work();
+  work();
+  allocates_nothing(work);
+  CHECK(opened > 1000);
+}
+
 /// The counter sees every allocation; if `counts_malloc` is false, only operator new.
 void check_counter() {
   long seen = allocations;
@@ -125,6 +150,7 @@ int main() {
   check_counter();
   std::printf("counted: operator new%s\n",
               counts_malloc ? " and malloc" : " alone: no glibc, or a sanitizer");
+  check_view();
   const std::vector<VoxelBone> all = bones();
   for (const std::string& path : cpu_paths()) {
     use_cpu_path(path);

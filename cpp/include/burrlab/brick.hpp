@@ -1,8 +1,8 @@
 // Bricks: the tiles of 8^3 voxels that hold a bone, with sums that spare a visit.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
-#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -46,16 +46,39 @@ class Tiles {
  public:
   Tiles() = default;
   explicit Tiles(std::size_t bricks);
+  Tiles(Tiles&&) = default;  // not copied, as copies would share the levels
+  Tiles& operator=(Tiles&&) = default;
   std::uint8_t* tile(std::size_t brick) { return first_ + brick * brick_voxels; }
   const std::uint8_t* tile(std::size_t brick) const { return first_ + brick * brick_voxels; }
   bool empty() const { return first_ == nullptr; }
+  /// Keeps the memory; others may be storing to it.
+  std::shared_ptr<const std::uint8_t> share() const { return {memory_, first_}; }
 
  private:
-  struct Free {
-    void operator()(void* memory) const { std::free(memory); }
-  };
-  std::unique_ptr<void, Free> memory_;
+  std::shared_ptr<void> memory_;
   std::uint8_t* first_ = nullptr;
+};
+
+/// How a BoneView finds the bricks that changed, and knows whether one that it read is whole. One thread at a
+/// time calls `begin`, stores the brick's levels as atomics (kernel/shared_rows.hpp), and calls `end`.
+struct BrickVersions {
+  static constexpr std::size_t fan = 64;  ///< bricks of a group
+
+  std::vector<std::atomic<std::uint32_t>> brick;  ///< twice its changes; odd while its levels are stored
+  std::vector<std::atomic<std::uint64_t>> group;  ///< changes of its bricks
+
+  explicit BrickVersions(std::size_t bricks) : brick(bricks), group((bricks + fan - 1) / fan) {}
+
+  void begin(std::size_t number) noexcept {
+    brick[number].store(brick[number].load(std::memory_order_relaxed) | 1, std::memory_order_relaxed);
+    std::atomic_thread_fence(std::memory_order_release);
+  }
+  void end(std::size_t number, bool differs) noexcept {
+    const std::uint32_t odd = brick[number].load(std::memory_order_relaxed);
+    brick[number].store(differs ? odd + 1 : odd - 1, std::memory_order_release);
+    auto& changes = group[number / fan];
+    if (differs) changes.store(changes.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+  }
 };
 
 /// Which bricks hold bone: one bit per brick in 64-bit words of 4^3 bricks (a block), and one bit per block

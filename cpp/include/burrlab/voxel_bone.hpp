@@ -136,6 +136,7 @@ class BURRLAB_API VoxelBone {
   std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, std::uint8_t* before);
 
  private:
+  friend class BoneView;
   enum State : std::uint8_t {
     uniform = 1,  // the pristine level is `level_` throughout
     saved = 2,    // the pristine levels are in `pristine_`; without both flags they equal the present ones
@@ -166,10 +167,12 @@ class BURRLAB_API VoxelBone {
   std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
   void count_tissues(std::size_t brick, int sign);
   void set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels, bool pristine_too);
+  void set_tile(std::size_t brick, const std::uint8_t* levels);
 
   Index3 shape_, bricks_;
   Vec3 spacing_, origin_;
   Tiles density_, pristine_;  // `pristine_` only where a brick is not uniform
+  std::shared_ptr<BrickVersions> versions_;
   std::vector<BrickSums> sums_;
   Levels level_;  // pristine level of uniform bricks
   Levels state_;

@@ -1,7 +1,7 @@
-// Stores of levels that a follower may load meanwhile (VoxelBone::copy_brick). Rows of 8 are relaxed atomics:
-// a copy during a tick is a mixture of old and new rows, but no data race; TickExecutor::version tells
-// whether it is whole. The tick's own loads need nothing, as no other thread stores. Local to each file: the
-// kernels are compiled for different CPUs.
+// Stores of levels that others may load meanwhile (VoxelBone::copy_brick, BoneView). Rows of 8 are relaxed
+// atomics: a copy during a tick is a mixture of old and new rows, but no data race; TickExecutor::version
+// tells whether it is whole, BrickVersions whether a brick is. The tick's own loads need nothing, as no other
+// thread stores. Local to each file: the kernels are compiled for different CPUs.
 #pragma once
 
 #include <cstdint>

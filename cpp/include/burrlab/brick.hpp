@@ -13,6 +13,7 @@ namespace burrlab {
 constexpr int brick_side = 8;      ///< voxels along an edge
 constexpr int brick_voxels = 512;  ///< voxels, and bytes, of a tile; a z-slab is one cache line
 
+/// Elements of a grid.
 inline std::int64_t product(const Index3& n) { return n[0] * n[1] * n[2]; }
 
 /// How many blocks of this side cover a grid of n.
@@ -20,10 +21,11 @@ inline Index3 covering(const Index3& n, std::int64_t side) {
   return {(n[0] + side - 1) / side, (n[1] + side - 1) / side, (n[2] + side - 1) / side};
 }
 
-/// The number of a place in a grid, in C order, and back.
+/// The number of a place in a grid, in C order.
 inline std::size_t number_in(const Index3& grid, const Index3& at) {
   return static_cast<std::size_t>((at[0] * grid[1] + at[1]) * grid[2] + at[2]);
 }
+/// The place of a number in a grid.
 inline Index3 place_in(const Index3& grid, std::int64_t number) {
   return {number / (grid[1] * grid[2]), number / grid[2] % grid[1], number % grid[2]};
 }
@@ -36,6 +38,7 @@ void each_place(const Index3& first, const Index3& last, Visit visit) {
       for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x});
 }
 
+/// @cond tick
 /// Exact sums over a brick, of q and of q times the voxel's index 0..7 in the brick.
 struct BrickSums {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
@@ -109,5 +112,6 @@ class Occupancy {
   Index3 blocks_, superblocks_;
   std::vector<std::uint64_t> block_, superblock_;
 };
+/// @endcond
 
 }  // namespace burrlab

@@ -1,4 +1,8 @@
-// A burr on a bone: tick by tick, along a path, or held at a force.
+// A burr on a bone: tick by tick, or held at a force.
+//
+//     burrlab::BurrContact contact(bone, burrlab::Burr(3.0), burrlab::paper_material("bone"), /*seed=*/1);
+//     const burrlab::Contact now = contact.step({0, 0, 2.7}, /*dt=*/1.0, /*burr_on=*/true);  // [mm], [ms]
+//     if (now.touching) device.send(now.force);                                             // [N]
 #pragma once
 
 #include <functional>
@@ -26,11 +30,11 @@ struct Contact {
   Vec3 m1 = Vec3::Zero();      ///< [mm^4]
   double removed = 0.0;        ///< solid bone removed in the tick [mm^3]
   std::int64_t lost = 0;       ///< bone removed [levels]
-  std::uint64_t tick = 0;
-  bool touching = false;   ///< there is bone inside the sphere
-  bool ambiguous = false;  ///< |m_1| < 0.1 m_0 R: the force fades
-  bool coarse = false;     ///< R/s < 7.5
-  bool faint = false;      ///< over 5 % of the mass is in voxels with p < 32, where `layer` errs
+  std::uint64_t tick = 0;      ///< its number
+  bool touching = false;       ///< there is bone inside the sphere
+  bool ambiguous = false;      ///< |m_1| < 0.1 m_0 R: the force fades
+  bool coarse = false;         ///< R/s < 7.5
+  bool faint = false;          ///< over 5 % of the mass is in voxels with p < 32, where `layer` errs
 };
 
 /// A descent under an exactly constant force, tick by tick.
@@ -43,16 +47,21 @@ struct HeldDescent {
   bool reached = false;          ///< the burr came to the end of its travel
 };
 
+/// One thread at a time steps the burrs of a bone; a contact keeps its bone. A tick allocates and waits for
+/// nothing, but for new constants where dt differs from the last one's.
 class BURRLAB_API BurrContact {
  public:
+  /// `index`: burrs on one bone have different ones, and so different random numbers. Throws InvalidArgument
+  /// if the radius is below 4 voxels, or the bone has tissues of another material.
   BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
               std::uint32_t index = 0, Scheme scheme = Scheme::layer);
   BurrContact(BurrContact&&) noexcept;
   ~BurrContact();
 
-  /// The contact at `center` [mm], without erosion or a tick.
+  /// The contact at `center` [mm], without erosion or a tick. The caller holds a VoxelBone::Reading.
   Contact probe(const Vec3& center) const;
-  /// One tick of dt [ms] at `center` [mm]. `step`, `erode` and `hold` throw if another thread uses the bone.
+  /// One tick of dt [ms] at `center` [mm]. `step`, `erode` and `hold` throw InvalidArgument if another thread
+  /// uses the bone, a number is not finite or alpha dt is above 1000.
   Contact step(const Vec3& center, double dt, bool burr_on);
   /// One tick with the constants `steps` of this bone and material, or with the burr off if null. The caller
   /// holds a VoxelBone::Changing.
@@ -68,12 +77,12 @@ class BURRLAB_API BurrContact {
 
   const ErosionSteps& steps_of(double dt);  ///< constants for dt [ms], valid until the next call
 
-  const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
-  const Burr& burr() const { return burr_; }
-  const Material& material() const { return material_; }
-  std::uint64_t seed() const { return seed_; }
-  std::uint32_t index() const { return index_; }
-  Scheme scheme() const { return scheme_; }
+  const std::shared_ptr<VoxelBone>& bone() const { return bone_; }  ///< that it cuts
+  const Burr& burr() const { return burr_; }                        ///< its radius
+  const Material& material() const { return material_; }            ///< of a bone without tissues
+  std::uint64_t seed() const { return seed_; }                      ///< of the random numbers
+  std::uint32_t index() const { return index_; }                    ///< among the bone's burrs
+  Scheme scheme() const { return scheme_; }                         ///< of the voxels
 
   std::uint64_t tick = 0;  ///< number of the next tick
 

@@ -1,6 +1,7 @@
 // All that the library offers. Units are mm, N and s, dt in ms and alpha in 1/ms; host_burr.hpp takes others.
 //
 //     #include <burrlab/burrlab.hpp>
+//     #include <cstdio>
 //
 //     int main() {
 //       const burrlab::Burr burr(3.0);

@@ -36,15 +36,17 @@ class BURRLAB_API Error {
 /// An argument that breaks a rule, or an action that the state does not allow.
 class BURRLAB_API InvalidArgument : public std::invalid_argument, public Error {
  public:
+  /// With the sentence that `what` gives.
   explicit InvalidArgument(const std::string& sentence) : invalid_argument(sentence) {}
-  const char* what() const noexcept override;
+  const char* what() const noexcept override;  ///< the sentence
 };
 
 /// The system refused something.
 class BURRLAB_API RuntimeError : public std::runtime_error, public Error {
  public:
+  /// With the sentence that `what` gives.
   explicit RuntimeError(const std::string& sentence) : runtime_error(sentence) {}
-  const char* what() const noexcept override;
+  const char* what() const noexcept override;  ///< the sentence
 };
 
 }  // namespace burrlab

@@ -14,14 +14,15 @@
 
 namespace burrlab {
 
+/// What a host sets once.
 struct HostSettings {
   /// Rows of (A | t): a position in the bone [mm] is A times the host's plus t. A is a rotation or a mirror
   /// image of one (a left-handed host), times the scale. The default: a host in metres, in the bone's axes.
   std::array<double, 12> to_bone{1000, 0, 0, 0, 0, 1000, 0, 0, 0, 0, 1000, 0};
-  double longest_tick = 1.0;  ///< a longer step of the host becomes several ticks of equal length [ms]
-  std::uint64_t seed = 0;     ///< of the random numbers
-  std::uint32_t index = 0;    ///< of this burr: burrs on one bone have different ones
-  Scheme scheme = Scheme::layer;
+  double longest_tick = 1.0;      ///< a longer step of the host becomes several ticks of equal length [ms]
+  std::uint64_t seed = 0;         ///< of the random numbers
+  std::uint32_t index = 0;        ///< of this burr: burrs on one bone have different ones
+  Scheme scheme = Scheme::layer;  ///< of the voxels
 };
 
 /// What a host feels of one step.
@@ -39,7 +40,7 @@ class BURRLAB_API HostBurr {
  public:
   static constexpr double longest_step = 1000.0;  ///< of the host [ms]
 
-  /// Throws if the burr does not fit the bone, or a setting is impossible.
+  /// Throws InvalidArgument if the burr does not fit the bone, or a setting is impossible.
   HostBurr(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material,
            const HostSettings& settings);
 
@@ -57,7 +58,7 @@ class BURRLAB_API HostBurr {
 
   BurrContact& contact() { return contact_; }    ///< in the bone's units; its `tick` is the next one's number
   const Contact& last() const { return last_; }  ///< of the last tick, in the bone's units
-  const HostSettings& settings() const { return settings_; }
+  const HostSettings& settings() const { return settings_; }  ///< as they were set
 
  private:
   BurrContact contact_;

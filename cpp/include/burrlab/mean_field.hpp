@@ -1,6 +1,10 @@
 // The descent at constant force in the continuum: Eqs. 2-4 without voxels, axisymmetric and deterministic.
 // Lengths are in burr radii R, times in 1/alpha. The result depends only on the erosion shape f and on phi =
 // F/(c_e R^2). Arguments out of range throw InvalidArgument.
+//
+//     const auto descent = burrlab::mean_field_descent(burrlab::Shape::parabolic(), /*phi=*/0.05,
+//     /*stop=*/0.5); const double velocity = burrlab::window_velocity(descent.time, descent.immersion, 0.2,
+//     0.4);  // [alpha R]
 #pragma once
 
 #include <vector>
@@ -9,6 +13,7 @@
 
 namespace burrlab {
 
+/// A descent, point by point.
 struct MeanFieldDescent {
   std::vector<double> time;       ///< from 0 [1/alpha]
   std::vector<double> immersion;  ///< of the burr's tip, from static contact to the stop [R]

@@ -1,5 +1,8 @@
 // The erosion shape function f(x), x = r/R, of Eq. 4. The paper asks only for a maximum at r = 0 and zero
 // beyond R. The family is our choice; an alpha belongs to one f.
+//
+//     const burrlab::Shape f = burrlab::Shape::parse("power(1.5)");
+//     const double half_way = f.at_radius(0.5);  // 0.75^1.5
 #pragma once
 
 #include <memory>
@@ -10,6 +13,7 @@
 
 namespace burrlab {
 
+/// An erosion shape f.
 class BURRLAB_API Shape {
  public:
   /// f = y^order, where y is 1, the depth delta = 1 - x, 1 - x^2, or a table over the depth.
@@ -18,11 +22,14 @@ class BURRLAB_API Shape {
   /// y of a table: f^(1/order), or f where f(1) > 0 and the order is 0. Linear between its nodes, which stand
   /// by rising depth; so f lies between its values at the nodes, and ends as delta^order.
   struct Table {
-    static constexpr std::size_t fewest = 3, most = 256;
-    std::vector<double> depth, value, slope;
-    std::vector<float> nodes;  ///< depth, value and slope for the tick, each padded to a power of two
-    std::string name;
-    double at(double delta) const;
+    static constexpr std::size_t fewest = 3;  ///< nodes
+    static constexpr std::size_t most = 256;  ///< nodes
+    std::vector<double> depth;                ///< delta of each node, rising
+    std::vector<double> value;                ///< y there
+    std::vector<double> slope;                ///< of y from there to the next node
+    std::vector<float> nodes;       ///< depth, value and slope for the tick, each padded to a power of two
+    std::string name;               ///< as `Shape::name`
+    double at(double delta) const;  ///< y
   };
 
   /// The shape of one of `names()`, of "power(k)", (1 - x^2)^k with 0 < k <= 8, or of a table's name; throws
@@ -31,10 +38,10 @@ class BURRLAB_API Shape {
   /// The table of f at x; `order` is that of the zero at x = 1, NaN to take it from the table's end. Throws
   /// InvalidArgument.
   static Shape from_table(const std::vector<double>& x, const std::vector<double>& f, double order);
-  static Shape parabolic() { return Shape(Kind::power, 1.0); }
-  static std::vector<std::string> names();
+  static Shape parabolic() { return Shape(Kind::power, 1.0); }  ///< 1 - x^2
+  static std::vector<std::string> names();                      ///< that `parse` takes
 
-  Kind kind() const { return kind_; }
+  Kind kind() const { return kind_; }  ///< of its y
   /// Order of the zero of f at x = 1; 0 for constant.
   double order() const { return order_; }
   /// Factor of the leading term at the surface: f = kappa delta^order + ...

@@ -1,4 +1,10 @@
-// Voxel bone: occupancy levels now and as loaded, on a regular grid, stored in bricks (docs/hierarchy.md).
+// Bone on a regular grid: the level of each voxel now and as loaded.
+//
+//     const std::vector<std::uint8_t> levels(40 * 60 * 60, 255);  // (z, y, x): solid
+//     burrlab::VoxelBone bone({40, 60, 60}, levels, {0.2, 0.2, 0.2}, {0.1, 0.1, 0.1});  // [mm]
+//     const auto kept = bone.density();
+//     bone.reset();               // as loaded
+//     bone.restore(kept.data());  // as it was
 #pragma once
 
 #include <atomic>
@@ -14,15 +20,15 @@ namespace burrlab {
 /// one, and `pristine` p, as loaded or written; q <= p. The space outside the volume is empty.
 class BURRLAB_API VoxelBone {
  public:
-  using Levels = std::vector<std::uint8_t>;
+  using Levels = std::vector<std::uint8_t>;  ///< (z, y, x), x fastest
 
-  /// Held by a thread while it uses a shared bone: one thread changes it, or any number read it. The
-  /// constructor throws if another use is in the way, and does not wait. BurrContact's ticks, HapticLoop,
-  /// Replica, `restore`, `reset`, `set_tissues` and `digest` hold one themselves; callers of other members
-  /// must hold one.
+  /// Held by a thread while it uses a shared bone: one thread changes it, or any number read it. Nothing
+  /// waits. BurrContact's ticks, HostBurr, HapticLoop, `restore`, `reset`, `set_tissues` and `digest` hold
+  /// one themselves; callers of other members must hold one, unless their line says otherwise.
   template <bool changes>
   class Use {
    public:
+    /// Throws InvalidArgument if another thread's use is in the way.
     explicit Use(const VoxelBone& bone) : count_(bone.users_.count) {
       int users = changes ? 0 : count_.load(std::memory_order_relaxed);
       do {
@@ -35,34 +41,36 @@ class BURRLAB_API VoxelBone {
    private:
     std::atomic<int>& count_;
   };
-  using Changing = Use<true>;
-  using Reading = Use<false>;
+  using Changing = Use<true>;  ///< of the only thread that uses the bone
+  using Reading = Use<false>;  ///< of a thread beside others that read
 
-  /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm].
+  /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm]. Constructors
+  /// throw InvalidArgument unless levels fill the shape, spacings are positive and all numbers finite.
   VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
   /// The same level in every voxel.
   VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
-  /// A bone with the levels that `packed` returned; throws if they do not fill the shape.
+  /// A bone with the levels that `packed` returned.
   VoxelBone(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Vec3& spacing,
             const Vec3& origin);
-  VoxelBone(const VoxelBone& other);
+  VoxelBone(const VoxelBone& other);  ///< with levels of its own; a map of tissues is shared
   VoxelBone(VoxelBone&&) = default;
   VoxelBone& operator=(VoxelBone&&) = default;
   VoxelBone& operator=(const VoxelBone& other) { return *this = VoxelBone(other); }
 
-  const Index3& shape() const { return shape_; }
-  const Vec3& spacing() const { return spacing_; }
-  const Vec3& origin() const { return origin_; }
-  double voxel_volume() const;                  ///< [mm^3]
-  double volume_of(std::int64_t levels) const;  ///< solid bone of a sum of levels [mm^3]
+  const Index3& shape() const { return shape_; }    ///< voxels (z, y, x)
+  const Vec3& spacing() const { return spacing_; }  ///< (x, y, z) [mm]
+  const Vec3& origin() const { return origin_; }    ///< centre of voxel (0, 0, 0) [mm]
+  double voxel_volume() const;                      ///< [mm^3]
+  double volume_of(std::int64_t levels) const;      ///< solid bone of a sum of levels [mm^3]
 
-  double mass() const;     ///< of solid bone left [mm^3]
-  double removed() const;  ///< pristine minus present [mm^3]
+  double mass() const;     ///< of solid bone left [mm^3]; any thread at any time
+  double removed() const;  ///< pristine minus present [mm^3]; any thread at any time
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
   Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)
   /// Copy of the box that begins at `start` (z, y, x); throws if the box leaves the volume.
   Levels read(const Index3& start, const Index3& shape, bool pristine) const;
+  /// The same into `out`, which holds the box.
   void read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const;
 
   Levels packed() const;  ///< pristine levels in few bytes, by `pack`
@@ -77,9 +85,10 @@ class BURRLAB_API VoxelBone {
 
   /// Gives each voxel's pristine content a tissue; null: one material. Copies of a bone share the map.
   void set_tissues(std::shared_ptr<const TissueMap> map);
-  const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
+  const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }  ///< null: one material
   double mass_of(std::size_t tissue) const { return volume_of(tissue_levels(tissue)); }  ///< present [mm^3]
   double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
+  /// Present levels of a tissue.
   std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
   std::vector<std::int64_t> tissue_levels() const;  ///< of each tissue; empty without tissues
 
@@ -91,6 +100,7 @@ class BURRLAB_API VoxelBone {
   void write_pages();
 
   // Bricks by number, for copies of a bone that follow it.
+  /// Bricks of 8^3 voxels.
   std::size_t brick_count() const { return sums_.size(); }
   /// (z, y, x) among bricks.
   Index3 place(std::size_t brick) const { return place_in(bricks_, std::int64_t(brick)); }
@@ -113,6 +123,7 @@ class BURRLAB_API VoxelBone {
   /// Bytes of the sums, states and occupancy beside the levels.
   std::size_t hierarchy_bytes() const;
 
+  /// @cond tick
   // For the tick: bricks by number, (z, y, x) in C order.
   const Index3& bricks() const { return bricks_; }  ///< number of bricks (z, y, x)
   const Occupancy& occupancy() const { return occupancy_; }
@@ -183,6 +194,7 @@ class BURRLAB_API VoxelBone {
     TissueMap::Sums present{}, pristine{};  // of levels, by tissue
   } tissue_sums_;
   mutable Users users_;
+  /// @endcond
 };
 
 }  // namespace burrlab

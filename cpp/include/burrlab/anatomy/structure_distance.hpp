@@ -1,4 +1,8 @@
 // Distance to a structure: exact near it, from a field far from it.
+//
+//     const burrlab::StructureSearch nerve(*bone, bone->tissues()->table().find("facial nerve"));
+//     burrlab::NearestVoxel nearest;  // kept from call to call
+//     const double gap = nerve.distance({1.0, 0.0, 2.7}, nearest) - 3.0;  // of a burr of 3 mm [mm]
 #pragma once
 
 #include <atomic>
@@ -12,15 +16,15 @@ namespace burrlab {
 
 /// The voxel of a structure that was nearest in the last search. The next search begins with it.
 struct NearestVoxel {
-  Index3 at{};  ///< (z, y, x)
-  bool any = false;
+  Index3 at{};       ///< (z, y, x)
+  bool any = false;  ///< there was a search
 };
 
 /// The exact distance from a point to a structure: to the nearest of its voxels, each a box. The structure is
 /// all voxels with the tissue's number, whatever bone they hold.
 class BURRLAB_API StructureSearch {
  public:
-  /// Throws if the bone has no tissues, the tissue is not in its table or has no voxel.
+  /// Throws InvalidArgument if the bone has no tissues, the tissue is not in its table or has no voxel.
   StructureSearch(const VoxelBone& bone, std::size_t tissue);
 
   /// Distance of a point to the structure [mm], 0 inside it; infinity unless it is below `bound` [mm]. The
@@ -28,12 +32,12 @@ class BURRLAB_API StructureSearch {
   double distance(const Vec3& point, NearestVoxel& nearest,
                   double bound = std::numeric_limits<double>::infinity()) const noexcept;
 
-  std::size_t tissue() const { return tissue_; }
+  std::size_t tissue() const { return tissue_; }  ///< its number
   /// Whether the bone has these tissues on this grid.
   bool fits(const VoxelBone& bone) const {
     return bone.tissues() == map_ && bone.spacing() == spacing_ && bone.origin() == origin_;
   }
-  const std::shared_ptr<const TissueMap>& map() const { return map_; }
+  const std::shared_ptr<const TissueMap>& map() const { return map_; }  ///< in which it lies
   const Vec3& low() const { return low_; }    ///< corner of the box around the structure [mm]
   const Vec3& high() const { return high_; }  ///< the opposite corner [mm]
 
@@ -60,6 +64,7 @@ class BURRLAB_API DistanceField {
 
   /// `estimate` (z, y, x): distances at the nodes [mm], wrong by at most `error` [mm]. Nodes that may be
   /// nearer than `exact_to` have the exact distance. `origin`: place of node (0, 0, 0), (x, y, z) [mm].
+  /// Throws InvalidArgument unless `spacing` is above 0 and at most 0.4 mm and every side has 2 nodes.
   DistanceField(StructureSearch search, const Index3& shape, const float* estimate, double spacing,
                 const Vec3& origin, double error);
 
@@ -79,7 +84,7 @@ class BURRLAB_API DistanceField {
   /// Between exact nodes the distance changes by at most this times the way, by 1 along each axis (float32).
   static constexpr double steepest = 1.7321;
 
-  const StructureSearch& search() const { return search_; }
+  const StructureSearch& search() const { return search_; }  ///< of its structure
 
  private:
   float node(const Index3& at, NearestVoxel& nearest) const noexcept;
@@ -98,10 +103,12 @@ struct SphereDistance {
   double within;  ///< not positive if nothing is known [mm]
 };
 
+/// The distance of a burr to a structure, for the loop: any number of threads, each with a NearestVoxel.
 class BURRLAB_API StructureDistance {
  public:
   static constexpr double exact_below = 1.0;  ///< distances of a burr's surface below this are exact [mm]
 
+  /// From the field around the structure.
   explicit StructureDistance(DistanceField field) : field_(std::move(field)) {}
 
   /// Distance of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
@@ -110,8 +117,8 @@ class BURRLAB_API StructureDistance {
   /// `of_sphere`, with how far it can change.
   SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept;
 
-  const StructureSearch& search() const { return field_.search(); }
-  const DistanceField& field() const { return field_; }
+  const StructureSearch& search() const { return field_.search(); }  ///< exact
+  const DistanceField& field() const { return field_; }              ///< far from the structure
 
  private:
   double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept;

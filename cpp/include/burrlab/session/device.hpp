@@ -1,4 +1,12 @@
 // A device moves a burr and feels its force: a haptic device, a simulated hand, a recording, a network peer.
+//
+//     class Arm : public burrlab::Device {
+//      public:
+//       burrlab::DeviceReading read(double, std::uint64_t) noexcept override { return driver.position(); }
+//       void write(const burrlab::Vec3& force) noexcept override { driver.send(force); }
+//       void halt() noexcept override { driver.send(burrlab::Vec3::Zero()); }
+//       std::string name() const override { return "arm"; }
+//     };
 #pragma once
 
 #include <atomic>
@@ -19,12 +27,13 @@ struct DeviceReading {
   std::uint8_t buttons = 0;  ///< bit i: button i is pressed
   bool on = false;           ///< the burr turns
   double age = 0.0;          ///< of the position [ms]
+  /// Whether the device still moves the burr.
   enum class Status {
-    ok,
-    waiting,   ///< no position yet: no tick is executed
-    finished,  ///< the session ends without a fault
-    lost       ///< the session stops, with zero force
-  } status = Status::ok;
+    ok,                   ///< the reading holds
+    waiting,              ///< no position yet: no tick is executed
+    finished,             ///< the session ends without a fault
+    lost                  ///< the session stops, with zero force
+  } status = Status::ok;  ///< of the device
 };
 
 /// What the passivity limit needs of a device; NaN if unknown.
@@ -54,10 +63,11 @@ class BURRLAB_API Device {
 
   virtual std::string name() const = 0;             ///< for the session's report
   virtual std::string fault() const { return {}; }  ///< why it was lost, empty if it does not say
-  virtual DeviceModel model() const { return {}; }
+  virtual DeviceModel model() const { return {}; }  ///< what it knows of itself
 
   /// A loop claims the device; false if another has it.
   bool claim() noexcept { return !claimed_.exchange(true, std::memory_order_acq_rel); }
+  /// Gives the claim back.
   void release() noexcept { claimed_.store(false, std::memory_order_release); }
 
  private:

@@ -1,4 +1,10 @@
 // The haptic loop: a thread that reads the devices, executes a tick and sends the force, at fixed deadlines.
+//
+//     burrlab::HapticLoop loop(executor, {std::make_shared<Arm>()}, {});
+//     loop.start();
+//     loop.wait(10.0);  // [s]
+//     loop.stop();
+//     std::printf("%s; a tick took %g us at most\n", loop.reason().c_str(), loop.wall_time().largest());
 #pragma once
 
 #include <atomic>
@@ -21,20 +27,26 @@ class FramedDevice;
 class PassivityObserver;
 class VirtualCoupling;
 
-/// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines without a tick. `dropped`: periods
-/// beyond 8 since the last tick, for which no tick stands.
+/// Counts since the start.
 struct LoopCounts {
-  std::uint64_t ticks = 0, late = 0, missed = 0, dropped = 0;
+  std::uint64_t ticks = 0;    ///< executed
+  std::uint64_t late = 0;     ///< ticks with k > 1
+  std::uint64_t missed = 0;   ///< deadlines without a tick
+  std::uint64_t dropped = 0;  ///< periods beyond 8 since the last tick, for which no tick stands
 };
 
-/// Energy that a burr's force gave to the hand [mJ] (PassivityObserver).
+/// Energy that a burr's force gave to the hand.
 struct EnergyGiven {
-  double now = 0.0, most = 0.0;
+  double now = 0.0;   ///< so far [mJ]
+  double most = 0.0;  ///< the largest so far [mJ]
 };
 
+/// A session of one or two burrs. Its members may be called by any thread; its own thread allocates, locks
+/// and waits for nothing but the next deadline.
 class BURRLAB_API HapticLoop {
  public:
-  /// One device per burr. Holds the executor's bone from `start` to the loop's end.
+  /// One device per burr. Holds the executor's bone from `start` to the loop's end. Throws InvalidArgument if
+  /// a setting is impossible.
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();
@@ -44,9 +56,11 @@ class BURRLAB_API HapticLoop {
   void start();
   /// Ends the session with this reason, unless it has ended, and waits for the thread.
   void stop(const std::string& reason = "stopped");
+  /// Its thread executes ticks.
   bool running() const { return running_.load(std::memory_order_acquire); }
+  /// It runs, or has ended.
   bool started() const { return started_.load(std::memory_order_acquire); }
-  bool wait(double seconds);  ///< waits for the end; returns whether it came
+  bool wait(double seconds);  ///< waits so long for the end; returns whether it came
 
   /// Why the session ended; empty while it runs.
   std::string reason() const;
@@ -55,18 +69,18 @@ class BURRLAB_API HapticLoop {
   /// What was asked of the system and granted, one sentence each.
   std::vector<std::string> realtime_notes() const;
 
-  LoopCounts counts() const;
-  EnergyGiven energy(std::size_t burr) const;
+  LoopCounts counts() const;                                 ///< so far
+  EnergyGiven energy(std::size_t burr) const;                ///< of a burr, by index
   const Histogram& jitter() const { return jitter_; }        ///< |time since the last tick - whole periods|
   const Histogram& lateness() const { return lateness_; }    ///< start of a tick after its deadline
   const Histogram& tick_time() const { return tick_time_; }  ///< on the thread's CPU clock
   const Histogram& wall_time() const { return wall_time_; }  ///< of a tick on the steady clock
 
-  const std::shared_ptr<TickExecutor>& executor() const { return executor_; }
-  std::shared_ptr<const RecordRing> ring() const { return ring_; }
-  std::uint64_t first_tick() const { return first_tick_; }  ///< index of the ring's record 0
-  const LoopSettings& settings() const { return settings_; }
-  DeviceModel model(std::size_t burr) const;  ///< of the device, completed by the settings
+  const std::shared_ptr<TickExecutor>& executor() const { return executor_; }  ///< of the ticks
+  std::shared_ptr<const RecordRing> ring() const { return ring_; }             ///< of the records
+  std::uint64_t first_tick() const { return first_tick_; }    ///< index of the ring's record 0
+  const LoopSettings& settings() const { return settings_; }  ///< as they were set
+  DeviceModel model(std::size_t burr) const;                  ///< of the device, completed by the settings
   /// On a virtual clock, makes the loop wait for this reader, while it exists, instead of overrunning it.
   void add_reader(std::shared_ptr<const RecordReader> reader);
 

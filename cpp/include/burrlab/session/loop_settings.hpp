@@ -1,4 +1,8 @@
 // The settings of the haptic loop. It checks them when it is made.
+//
+//     burrlab::LoopSettings settings;
+//     settings.guard.force = 3.0;  // the hand never gets more [N]
+//     settings.message = [](const std::string& sentence) { std::puts(sentence.c_str()); };
 #pragma once
 
 #include <cstdint>
@@ -37,6 +41,7 @@ struct DeviceFrame {
   int clutch = -1;  ///< while this button is held the burr stands still, at zero force; -1: none
 };
 
+/// What a session asks for.
 struct LoopSettings {
   bool wall_clock = true;             ///< false: one period after another, as fast as possible
   RealtimeRequest realtime{};         ///< used with the wall clock

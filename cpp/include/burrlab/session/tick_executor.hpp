@@ -1,5 +1,13 @@
 // Executes tick records: force and erosion. The loop, followers, replicas and replays all execute ticks here,
 // so they carve the same bone.
+//
+//     burrlab::SessionSetup setup;
+//     setup.tools = {{burrlab::Burr(3.0), burrlab::paper_material("bone")}};
+//     burrlab::TickExecutor executor(bone, setup);
+//     burrlab::TickRecord record;
+//     record.burr[0].center = {0.0, 0.0, 2.7};  // [mm]
+//     record.burr[0].on = 1;
+//     executor.execute(record);  // record.burr[0].force [N]
 #pragma once
 
 #include <atomic>
@@ -15,21 +23,23 @@ class AnatomyWatch;
 
 /// A burr and the material it meets.
 struct Tool {
-  Burr burr;
-  Material material;
+  Burr burr;          ///< its radius
+  Material material;  ///< of a bone without tissues
 };
 
 /// The setup of a session, without the bone.
 struct SessionSetup {
-  std::vector<Tool> tools;  ///< one per burr, in index order
-  std::uint64_t seed = 0;   ///< of the random numbers
-  double period = 1.0;      ///< of the loop [ms]
-  Scheme scheme = Scheme::layer;
+  std::vector<Tool> tools;        ///< one per burr, in index order
+  std::uint64_t seed = 0;         ///< of the random numbers
+  double period = 1.0;            ///< of the loop [ms]
+  Scheme scheme = Scheme::layer;  ///< of the voxels
 };
 
+/// The ticks of a session; one thread executes them.
 class BURRLAB_API TickExecutor {
  public:
-  /// `tick`: ticks executed on this bone before. Throws if a tool does not fit the bone.
+  /// `tick`: ticks executed on this bone before. Throws InvalidArgument if a tool does not fit the bone,
+  /// alpha dt of 8 periods is above 1000, or there are not 1 or 2 tools.
   TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick = 0);
   ~TickExecutor();
 
@@ -44,13 +54,15 @@ class BURRLAB_API TickExecutor {
   /// before and after.
   std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
 
+  /// @cond watch
   /// Sets the watch, called after each burr's step; null: none. Throws if its bone or burrs are others.
   void set_watch(std::shared_ptr<AnatomyWatch> watch);
   const std::shared_ptr<AnatomyWatch>& watch() const { return watch_; }
+  /// @endcond
 
-  const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
-  const SessionSetup& setup() const { return setup_; }
-  std::size_t burrs() const { return contacts_.size(); }
+  const std::shared_ptr<VoxelBone>& bone() const { return bone_; }  ///< that the burrs cut
+  const SessionSetup& setup() const { return setup_; }              ///< as it was set
+  std::size_t burrs() const { return contacts_.size(); }            ///< one per tool
   /// The contact of a burr at a centre, without erosion.
   Contact probe(std::size_t burr, const Vec3& center) const { return contacts_[burr].probe(center); }
 
@@ -63,7 +75,7 @@ class BURRLAB_API TickExecutor {
   std::atomic<std::uint64_t> tick_, version_;
 };
 
-/// Throws unless the record can be executed: k in 1..8, this number of burrs, finite centres.
+/// Throws InvalidArgument unless the record can be executed: k in 1..8, this number of burrs, finite centres.
 BURRLAB_API void check_record(const TickRecord& record, std::size_t burrs);
 
 }  // namespace burrlab

@@ -1,4 +1,8 @@
 // The record of one tick of a session: what is needed to execute it again, and its results.
+//
+//     burrlab::TickRecord record;
+//     if (loop.ring()->read(0, record)) std::printf("%g s, h = %g mm\n", record.time,
+//     record.burr[0].penetration);
 #pragma once
 
 #include <array>
@@ -32,6 +36,7 @@ struct BurrRecord {
   std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
 };
 
+/// A tick, and its burrs by index.
 struct TickRecord {
   std::uint64_t index = 0;  ///< number of executed ticks before this one
   std::uint32_t k = 1;      ///< periods it stands for: dt = k periods
@@ -40,7 +45,7 @@ struct TickRecord {
   double time = 0.0;      ///< of its beginning, since the session's start [s]
   double cpu_time = 0.0;  ///< of the thread, in this tick [us]
 
-  std::array<BurrRecord, most_burrs> burr{};
+  std::array<BurrRecord, most_burrs> burr{};  ///< the first `burrs` are used
 };
 
 static_assert(std::is_trivially_copyable_v<TickRecord> && sizeof(TickRecord) % 8 == 0);

@@ -13,6 +13,7 @@ int main() {
   const Index3 shape = bone->shape();
   std::vector<std::uint8_t> picture(bone->density());  // (z, y, x), as a texture
   BoneView view(*bone);
+  BoneView::Changes changes;
 
   std::atomic<bool> done{false};
   std::thread loop([&] {  // the simulator's own loop
@@ -27,7 +28,7 @@ int main() {
 
   for (bool last = false; !last; std::this_thread::sleep_for(std::chrono::milliseconds(50))) {
     last = done;
-    const BoneView::Changes& changes = view.update();
+    view.update(changes);
     for (std::size_t i = 0; i < changes.bricks.size(); ++i) {
       const Index3 first = changes.places[i], size = bone->extent(changes.bricks[i]);
       const std::uint8_t* levels = changes.levels.data() + i * brick_voxels;

@@ -17,7 +17,7 @@ namespace burrlab {
 /// time; a copy of a view goes on from the same call. They need no VoxelBone::Use: no step or write waits or
 /// fails for a view, and no view waits for them. A view may outlive its bone; once that is assigned to, the
 /// view stays at the bone before. Memory: 0.133 byte a voxel.
-class BoneView {
+class BURRLAB_API BoneView {
  public:
   static constexpr int solid_level = 128;  ///< least level of a solid voxel
 

@@ -13,6 +13,7 @@
 #pragma once
 
 #include "burrlab/anatomy/structure_distance.hpp"
+#include "burrlab/bone_view.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "burrlab/digest.hpp"
 #include "burrlab/force.hpp"

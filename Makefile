@@ -123,13 +123,21 @@ wheel: $(VENV)/tools
 	$(BIN)/check-wheel-contents dist/*.whl
 	$(BIN)/twine check --strict dist/*.whl
 
-# The C++ tests as programs for Windows, under Wine: apt-get install g++-mingw-w64-x86-64-posix wine
+WINDOWS = $(BIN)/cmake -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
+  -DCMAKE_C_COMPILER=x86_64-w64-mingw32-gcc-posix -DCMAKE_CXX_COMPILER=x86_64-w64-mingw32-g++-posix \
+  -DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_PREFIX_PATH="$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmeel.prefix"
+# The C++ tests as programs for Windows, and the examples with burrlab.dll, under Wine: apt-get install g++-mingw-w64-x86-64-posix wine
 windows: $(VENV)/tools
-	$(BIN)/cmake -S . -B build/windows -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
-	  -DCMAKE_CXX_COMPILER=x86_64-w64-mingw32-g++-posix -DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_CROSSCOMPILING_EMULATOR=wine \
-	  -DCMAKE_PREFIX_PATH="$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/cmeel.prefix" -DBURRLAB_TESTS=ON
+	$(WINDOWS) -S . -B build/windows -DCMAKE_CROSSCOMPILING_EMULATOR=wine -DBURRLAB_TESTS=ON
 	$(BIN)/cmake --build build/windows -j 2
 	WINEPREFIX=$(abspath build)/wine $(BIN)/ctest --test-dir build/windows --output-on-failure
+	$(WINDOWS) -S . -B build/dll -DBUILD_SHARED_LIBS=ON -DCMAKE_SHARED_LINKER_FLAGS=-static
+	$(BIN)/cmake --build build/dll -j 2
+	$(BIN)/cmake --install build/dll --prefix build/dll/prefix
+	$(WINDOWS) -S examples/cpp -B build/dll/examples -Dburrlab_DIR=$(abspath build)/dll/prefix/lib/cmake/burrlab
+	$(BIN)/cmake --build build/dll/examples
+	cp build/dll/prefix/bin/burrlab.dll build/dll/examples
+	cd build/dll/examples && for example in tick renderer host host_c; do WINEPREFIX=$(abspath build)/wine wine ./$$example.exe || exit 1; done
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .

@@ -1,11 +1,11 @@
 /* burrlab in C: a bone, burrs in it, and views of it, for C#, Rust, MATLAB and plug-ins.
  *
- *     burrlab_burr_settings settings = {sizeof settings};
+ *     burrlab_burr_settings settings = {.size = sizeof settings};
  *     burrlab_burr_defaults(&settings, "bone");
  *     settings.radius = 3.0;
  *     burrlab_burr* burr = burrlab_burr_create(bone, &settings);
- *     burrlab_motion motion = {sizeof motion, 1, {x, y, z}, {0}, 1.0};
- *     burrlab_feel feel = {sizeof feel};
+ *     burrlab_motion motion = {.size = sizeof motion, .on = 1, .center = {x, y, z}, .dt = 1.0};
+ *     burrlab_feel feel = {.size = sizeof feel};
  *     if (burrlab_burr_step(burr, &motion, &feel)) puts(burrlab_burr_error(burr));
  *
  * Units are mm, N and ms, but for lengths of the host (burrlab_burr_settings.to_bone). Arrays of a bone are

@@ -10,10 +10,10 @@ static int failed(const char* sentence) {
 int main(void) {
   char error[400];
   burrlab_grid grid = {sizeof grid, {40, 60, 60}, {0.2, 0.2, 0.2}, {0.1, 0.1, 0.1}};
-  burrlab_burr_settings settings = {sizeof settings};
-  burrlab_motion motion = {sizeof motion};
-  burrlab_feel feel = {sizeof feel};
-  burrlab_changes changes = {sizeof changes};
+  burrlab_burr_settings settings = {.size = sizeof settings};
+  burrlab_motion motion = {.size = sizeof motion};
+  burrlab_feel feel = {.size = sizeof feel};
+  burrlab_changes changes = {.size = sizeof changes};
   burrlab_bone* bone;
   burrlab_burr* burr;
   burrlab_view* view;

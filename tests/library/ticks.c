@@ -7,9 +7,9 @@
 int main(void) {
   char error[100], digest[33];
   burrlab_grid grid = {sizeof grid, {15, 30, 70}, {0.2, 0.2, 0.2}, {-6.9, -2.9, -2.9}};
-  burrlab_burr_settings settings = {sizeof settings};
-  burrlab_motion motion = {sizeof motion};
-  burrlab_feel feel = {sizeof feel};
+  burrlab_burr_settings settings = {.size = sizeof settings};
+  burrlab_motion motion = {.size = sizeof motion};
+  burrlab_feel feel = {.size = sizeof feel};
   burrlab_bone* bone = burrlab_bone_create(&grid, NULL, 0, error, sizeof error);
   burrlab_burr* burr;
   double sum = 0.0;

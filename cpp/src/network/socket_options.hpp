@@ -4,6 +4,8 @@
 #ifdef _WIN32
 #define NOMINMAX 1
 #include <ws2tcpip.h>
+#undef far  // words of its 16-bit days
+#undef near
 #else
 #include <fcntl.h>
 #include <netdb.h>

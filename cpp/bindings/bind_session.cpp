@@ -1,7 +1,7 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "burrlab/session/haptic_loop.hpp"
+#include "burrlab/flat_file.hpp"
 #include "session/mailbox_device.hpp"
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {
@@ -272,6 +272,32 @@ void bind_haptic_loop(py::module_& m) {
       .def_property_readonly("first_tick", &HapticLoop::first_tick, "Index of the first tick");
 }
 
+void bind_flat_file(py::module_& m) {
+  m.def(
+      "read_flat_bone",
+      [](const std::string& path) {
+        std::uint64_t tick = 0;
+        std::string source;
+        const auto bone =
+            without_gil([&] { return std::make_shared<VoxelBone>(read_bone(path, &tick, &source)); });
+        return py::make_tuple(bone, tick, source);
+      },
+      "path"_a,
+      "(bone, ticks executed on it, source) of a flat file. ValueError if it is none, damaged or newer.");
+  m.def(
+      "write_flat_bone",
+      [](const std::string& path, const VoxelBone& bone, std::uint64_t tick, const std::string& source) {
+        try {
+          without_gil([&] { write_bone(path, bone, tick, source); });
+        } catch (const std::system_error& error) {
+          errno = error.code().value();
+          PyErr_SetFromErrnoWithFilename(PyExc_OSError, path.c_str());
+          throw py::error_already_set();
+        }
+      },
+      "path"_a, "bone"_a, "tick"_a, "source"_a, "Writes a flat file. OSError if the system cannot.");
+}
+
 }  // namespace
 
 void bind_session(py::module_& m) {
@@ -279,4 +305,5 @@ void bind_session(py::module_& m) {
   bind_counts(m);
   bind_loop_settings(m);
   bind_haptic_loop(m);
+  bind_flat_file(m);
 }

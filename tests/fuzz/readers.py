@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import re
+import shutil
 import socket
 import struct
 from collections.abc import Callable, Mapping
@@ -194,8 +195,12 @@ TARGETS: dict[str, tuple[Callable[[str], object], list[Seed]]] = {
     "drilled": (lambda name: load_drilled(name).volume(), [_drilled(".nrrd"), _drilled(".nii.gz"), _drilled(".mha")]),
     "bone": (load_bone, [
         lambda at: save_bone(at / "in.h5", small_bone(), 50), lambda at: save_bone(at / "in.h5", nerve_bone()),
+        lambda at: save_bone(at / "in.burr", nerve_bone(), source="a \"block\""),
     ]),
-    "trace": (_trace, [lambda at: record(at / "in.h5", make_records(small_bone(), 40, first=40), duration=0.1), _watched]),
+    "trace": (_trace, [
+        lambda at: record(at / "in.h5", make_records(small_bone(), 40, first=40), duration=0.1), _watched,
+        lambda at: shutil.copy(Path(__file__).parents[1] / "golden/files/flat.burr", at / "in.burr"),
+    ]),
     "curve": (VelocityCurve.from_csv, [
         lambda at: synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1).to_csv(at / "in.csv"),
     ]),

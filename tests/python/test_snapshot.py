@@ -10,17 +10,21 @@ from session_scenes import refused, small_bone
 import burrlab
 import burrlab.common.files as files
 from burrlab._core import Tissue, Tissues
+from burrlab.bone.snapshot import bone_source
 
 
-def test_levels_geometry_and_tick_come_back(tmp_path):
+@pytest.mark.parametrize("name", ["bone.h5", "bone.burr"])
+def test_levels_geometry_and_tick_come_back(tmp_path, name):
     bone = small_bone()
-    burrlab.save_bone(tmp_path / "bone.h5", bone, 2**63 + 5, source="a block")
-    again, tick = burrlab.load_bone(tmp_path / "bone.h5")
+    for last in (4, 5):  # the second replaces the first
+        burrlab.save_bone(tmp_path / name, bone, 2**63 + last, source='a "block" of wax\n')
+    again, tick = burrlab.load_bone(tmp_path / name)
+    assert bone_source(tmp_path / name) == 'a "block" of wax\n'
     assert (tick, again.digest()) == (2**63 + 5, bone.digest())
     np.testing.assert_array_equal((again.density, again.pristine), (bone.density, bone.pristine))
     assert (again.spacing, again.origin) == (bone.spacing, bone.origin)
     assert (again.density < again.pristine).any()
-    assert [p.name for p in tmp_path.iterdir()] == ["bone.h5"]
+    assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
 def test_pristine_levels_are_kept_only_where_they_differ(tmp_path):

@@ -1,6 +1,8 @@
 """Files that are not a trace, or a damaged one: each is refused in one sentence, none gives a wrong value."""
 
 import re
+import zlib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -8,6 +10,9 @@ import pytest
 from session_scenes import many_records, record, session_file, small_bone, writer  # noqa: F401
 
 import burrlab
+
+FLAT = Path(__file__).parents[1] / "golden/files/flat.burr"  # 60 ticks of two burrs
+ROW, END = 32 + 2 * 192, 200  # bytes
 
 
 @pytest.mark.parametrize(
@@ -124,3 +129,59 @@ def test_cut_short(file, records):
         file.write_bytes(whole[:part])
         with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
             burrlab.load_trace(file)
+
+
+@pytest.mark.parametrize("lost", [1, END, END + 1, END + ROW - 1, END + ROW, END + 60 * ROW])
+def test_a_flat_file_of_a_killed_program(tmp_path, lost):
+    """It is read up to its last whole row; what is left of its end is less than a row."""
+    (file := tmp_path / "killed.burr").write_bytes(FLAT.read_bytes()[:-lost])
+    trace, whole = burrlab.load_trace(file), burrlab.load_trace(FLAT)
+    assert trace.ticks.tobytes() == whole.ticks[: 60 - max(lost - END + ROW - 1, 0) // ROW].tobytes()
+    assert (trace.ended, trace.complete, trace.digests) == ("", False, ())
+
+
+def test_a_flat_file_with_a_changed_byte(tmp_path):
+    """It is refused; without the word "end" it is that of a killed program."""
+    whole, file = bytearray(FLAT.read_bytes()), tmp_path / "changed.burr"
+    end = len(whole) - END
+    for at in [*range(0, end, 307), *range(end, len(whole))]:
+        whole[at] ^= 1 << at % 8
+        file.write_bytes(whole)
+        if end <= at < end + 5:
+            assert (len(burrlab.load_trace(file)), burrlab.load_trace(file).ended) == (60, "")
+        else:
+            with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+                burrlab.load_trace(file)
+        whole[at] ^= 1 << at % 8
+        file.unlink()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((b"12 13 19 ", b"99999 99999 99999 "), "is damaged: its bone needs .* GB of memory"),
+        ((b" 2 0.59999999999999998 ", b" 3 0.59999999999999998 "), "is damaged"),
+        ((b" 2 0.59999999999999998 ", b" 2 nan "), "is damaged: radius must be positive and finite, got nan"),
+        ((b'"made', b'"\xff'), "is damaged: 'utf-8' codec"),
+        ((b"flat file 1 ", b"flat file 2 "), "is not a flat file of format 1, the newest that is known"),
+    ],
+)  # fmt: skip
+def test_a_flat_header_that_no_program_wrote(tmp_path, words, said):
+    """The checksum of the header is right."""
+    line, rest = FLAT.read_bytes().replace(*words, 1).split(b"\n", 1)
+    *_, version, size, _ = line.split()
+    change = len(words[1]) - len(words[0]) if words[0] not in line and version == b"1" else 0
+    head = rest[: int(size) + change]
+    line = b"burrlab flat file %s %d %d" % (version, len(head), zlib.adler32(head))
+    (file := tmp_path / "made.burr").write_bytes(line + b"\n" + rest)
+    with pytest.raises(ValueError, match=said):
+        burrlab.load_trace(file)
+
+
+def test_a_flat_bone_is_no_trace(tmp_path):
+    burrlab.save_bone(tmp_path / "bone.burr", small_bone())
+    with pytest.raises(ValueError, match=r"bone.burr is not a burrlab trace: it holds a bone alone"):
+        burrlab.load_trace(tmp_path / "bone.burr")
+    (tmp_path / "trace.burr").write_bytes(FLAT.read_bytes())
+    with pytest.raises(FileExistsError, match="path must be a new file or a burrlab bone"):
+        burrlab.save_bone(tmp_path / "trace.burr", small_bone())

@@ -34,7 +34,7 @@ from burrlab.bone.image import (
 )
 from burrlab.bone.kept import DrilledVolume, load_drilled
 from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_files, stack_of
-from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
+from burrlab.bone.snapshot import FLAT_ENDING, bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import CachedParts, Entry
@@ -778,7 +778,7 @@ class DrilledRecipe(_FileRecipe):
 
 
 def _holds_bone(path: str) -> bool:
-    return Path(path).suffix.lower() in (".h5", ".hdf5")
+    return Path(path).suffix.lower() in (".h5", ".hdf5", FLAT_ENDING)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Saves a bone's exact state in an HDF5 file: present and pristine levels, tissues and tick.
+"""Saves a bone's exact state in an HDF5 or a flat file: present and pristine levels, tissues and tick.
 
 Damaged files are read safely.
 """
@@ -8,6 +8,7 @@ import json
 import math
 import operator
 import os
+import shlex
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Tissue, Tissues, VoxelBone, __version__
+from burrlab._core import Tissue, Tissues, VoxelBone, __version__, read_flat_bone, write_flat_bone
 from burrlab.bone.materials import constants_of, material_of
 from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse, require_type, shown, whole
 from burrlab.common.files import (
@@ -37,17 +38,20 @@ if TYPE_CHECKING:
 
 # 2: with tissues; 3: of a law that is not the paper's. A bone without is written as 1 or 2.
 FORMAT, FORMAT_VERSION = "burrlab bone", 3
+#: First bytes of a flat file of any format and of format 1, and the ending for which `save_bone` writes one.
+FLAT, FLAT_1, FLAT_ENDING = b"burrlab flat file ", b"1 ", ".burr"
 
 
 @doing("writing a bone")
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
-    """Writes a bone and its tick index to an HDF5 file.
+    """Writes a bone and its tick index to an HDF5 file, or to a flat file that a C++ program reads without HDF5.
 
     An older bone of the same name is replaced when the new file is complete.
 
     Parameters
     ----------
     path : path-like
+        A flat file ends in .burr.
     bone : VoxelBone
     tick : int
         Ticks executed on the bone so far. They belong to its state: the next random numbers depend on them.
@@ -84,6 +88,11 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     )
     check_tick(tick)
     check_bone_file(path)
+    if Path(path).suffix.lower() == FLAT_ENDING:
+        with new_file(path) as part:
+            part.unlink()
+            write_flat_bone(os.fsencode(part), bone, tick, source)
+        return
     with new_file(Path(path)) as part, new_hdf5(part) as file:
         version = 1 if bone.tissues is None else 3 if law_of(bone.tissues.material) else 2
         put_attributes(file, {"format": FORMAT, "format_version": version, "burrlab": __version__})
@@ -108,12 +117,31 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     OSError
         If the file cannot be read.
     """
+    if (flat := read_flat(path)) is not None:
+        return flat[:2]
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
         return read_bone(file)
 
 
+def read_flat(path: str | os.PathLike[str]) -> tuple[VoxelBone, int, str, list[str], int] | None:
+    """Bone, its tick and source, the header's words on a session, and the place of its ticks in a flat file; None
+    for another file. ValueError if it is damaged or newer."""
+    with Path(path).open("rb") as file, told_as_damage(path):
+        if file.read(len(FLAT)) != FLAT:
+            return None
+        known, line = file.read(len(FLAT_1)) == FLAT_1, file.readline(64)
+        # The core refuses other formats, and checks the header.
+        words = shlex.split(file.read(int(line.split()[0])).decode()) if known else []
+        check_memory(2.04 * math.prod(map(int, words[:3])), "its bone")
+        bone, tick, source = read_flat_bone(os.fsencode(path))
+        session = words[16 + 10 * int(words[15]) + 7 * (words[15] != "0") :]
+        return bone, tick, source, session, file.tell() + sum(map(int, words[12:15]))
+
+
 def bone_source(path: str | os.PathLike[str]) -> str:
     """Source of a bone's volume, as given to `save_bone`; errors as `load_bone`."""
+    if (flat := read_flat(path)) is not None:
+        return flat[2]
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
         return str(attributes(file).get("source", ""))
 
@@ -145,7 +173,9 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
     if not Path(path).exists():
         return
     try:
-        open_hdf5(path, FORMAT, FORMAT_VERSION).close()
+        if (flat := read_flat(path)) is None:
+            open_hdf5(path, FORMAT, FORMAT_VERSION).close()
+        refuse(flat is not None and flat[3], "a session is not replaced")
     except (ValueError, OSError):
         raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
 

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import time
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,11 +15,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Protocol, runtime_c
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events
+from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events, record_dtype
 from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_only, read_watch
 from burrlab.bone.header import told_notes
 from burrlab.bone.materials import constants_of, material_of
-from burrlab.bone.snapshot import check_tick, open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
+from burrlab.bone.snapshot import (
+    check_tick,
+    open_hdf5,
+    read_bone,
+    read_dataset,
+    read_flat,
+    told_as_damage,
+    write_bone,
+)
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
 from burrlab.common.progress import doing
@@ -477,7 +486,7 @@ def check_trace(trace: Trace) -> None:
 
 @doing("reading a trace")
 def load_trace(path: str | os.PathLike[str]) -> Trace:
-    """The trace in a file: of a session that ended, was killed, or still runs.
+    """The trace in an HDF5 or a flat file: of a session that ended, was killed, or still runs.
 
     All rows are read into memory, about 230 bytes a tick and burr.
 
@@ -488,8 +497,46 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
     OSError
         If it cannot be read.
     """
+    if (flat := read_flat(path)) is not None:
+        return _read_flat(Path(path), *flat)
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
         return _read(file, Path(path))
+
+
+def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list[str], begin: int) -> Trace:
+    """The trace in a flat file: its bone is read, and its ticks begin there."""
+    refuse(not words, f"{path} is not a {FORMAT}: it holds a bone alone")
+    with path.open("rb") as file, told_as_damage(path):
+        file.seek(begin)
+        rows = memoryview(file.read())
+        seed, period, scheme, started, cpu_path, burrs = words[:6]
+        tools = tuple(
+            (Burr(float(radius)), Material(name, c_e=float(c_e), alpha=float(alpha), shape=shape, source=origin,
+                                           force_exponent=float(force), rate_exponent=float(rate)))
+            for radius, name, origin, shape, c_e, alpha, force, rate in zip(*[iter(words[6:])] * 8, strict=True)
+        )  # fmt: skip
+        refuse(str(len(tools)) != burrs, f"it has {burrs} burrs and {len(tools)} tools")
+        row = np.dtype([*record_dtype.descr[:-1], ("burr", record_dtype["burr"].base, (len(tools),))])
+        digest, ended, end = "-", "", rows[-200:].tobytes()
+        if end.startswith(b"\nend "):
+            rows = rows[:-200]
+            checksum = zlib.adler32(end[16:], zlib.adler32(rows))
+            refuse(end[5:16] != b"%10d " % checksum, "its ticks were changed")
+            digest, ended = end[16:].decode(errors="replace").rstrip().split(" ", 1)
+        else:  # the program was killed
+            rows = rows[: len(rows) // row.itemsize * row.itemsize]
+        ticks = read_only(to_rows(np.frombuffer(rows, row), len(tools)))
+        _check_rows(ticks, first)
+        _check_setup(bone, tools, (), int(seed), scheme)
+        made_by = dict.fromkeys(("python", "numpy", "machine"), "") | {
+            "burrlab": "C++", "cpu_path": cpu_path, "started_unix_s": float(started),
+            "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(float(started))),
+        }  # fmt: skip
+        return Trace(
+            path, ticks, tools, ("",) * len(tools), int(seed), float(period), scheme, first,
+            ((first + len(ticks), digest),) * (digest != "-"), ended, digest != "-", source, {}, made_by, {},
+            read_only(np.zeros(0, EVENT_DTYPE)), None, bone,
+        )  # fmt: skip
 
 
 def tool_of(row: Mapping[str, Any], name: str, source: str) -> tuple[Burr, Material]:
@@ -503,13 +550,6 @@ def _read(file: "h5py.File", path: Path) -> Trace:
     tools = tuple(tool_of(row, row["material"], row["source"]) for row in rows)
     devices = tuple(row["device"] for row in rows)
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
-    names = (*devices, *(material.name for _, material in tools))
-    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names)
-    refuse(
-        not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
-        f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
-        "bits and its scheme layer or cell",
-    )
     # Digests and events are read first, as they are written after their ticks.
     watch, watched, events = read_watch(file, len(tools))
     digests = read_dataset(file, "digests", int(read_dataset(file, "digests_recorded")))
@@ -521,8 +561,7 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         tick != first or bone.digest() != about["initial_digest"],
         f"{path} is damaged: its volume is not the one that the session began with",
     )
-    alien = [m for _, m in tools if bone.tissues is not None and m != bone.tissues.material]
-    refuse(alien, f"{path} is damaged: a tool's material is not that of its bone's tissues")
+    _check_setup(bone, tools, devices, seed, scheme)
     made_by = {
         name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)()
         for name in ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
@@ -533,6 +572,21 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         str(volume["source"]), json.loads(read_dataset(file, "note")),
         made_by, watch, events, watched, bone,
     )  # fmt: skip
+
+
+def _check_setup(
+    bone: VoxelBone, tools: Sequence[tuple[Burr, Material]], devices: Sequence[Any], seed: int, scheme: str
+) -> None:
+    """ValueError unless a session could have had this setup on this bone."""
+    names = (*devices, *(material.name for _, material in tools))
+    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names)
+    refuse(
+        not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
+        f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
+        "bits and its scheme layer or cell",
+    )
+    alien = [m for _, m in tools if bone.tissues is not None and m != bone.tissues.material]
+    refuse(alien, "a tool's material is not that of its bone's tissues")
 
 
 def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.void]:

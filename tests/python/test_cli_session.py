@@ -7,14 +7,16 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from command_line import call, refusal
+from command_line import call, refusal, result
 
 import burrlab
 
+FILES = Path(__file__).parents[1] / "golden/files"
 FAST = ["--voxel", "0.4", "--radius", "3", "--seed", "5"]
 
 
@@ -188,3 +190,47 @@ def test_volume_that_is_elsewhere(monkeypatch, capsys):
         ("here", "argument HOST:PORT: must be HOST:PORT, got 'here'\n"),
     ):
         assert refusal(capsys, "replica", address) == f"burrlab replica: {said}"
+
+
+def test_a_flat_trace_is_used_as_any_other(capsys, tmp_path):
+    """It was written by a C++ program (tests/cpp/test_flat_file.cpp)."""
+    trace = burrlab.load_trace(file := FILES / "flat.burr")
+    assert (trace.first_tick, trace.seed, trace.period, trace.scheme) == (40, 2**64 - 59, 0.5, "cell")
+    assert (trace.source, trace.ended, trace.complete) == ("a made up bone", "the last stroke is done", True)
+    assert [(burr.radius, material) for burr, material in trace.tools] == [
+        (radius, trace.tissues.material) for radius in (0.6, 0.4)
+    ]
+    assert trace.array("center_mm", burr=1)[-1] == pytest.approx([0.014 * 99 - 0.9, 1.2, 1.6 - 0.008 * 99])
+    replayed = result(capsys, "replay", file)
+    assert (replayed["equal"], replayed["ticks"], replayed["digests"]) == (True, 60, 1)
+    assert replayed["digest"] == trace.digests[-1][1]
+    assert result(capsys, "metrics", file)["removed_mm3"] > 0
+    call(capsys, "view", file, "--pictures", tmp_path / "slices.png")
+    assert (tmp_path / "slices.png").stat().st_size > 10_000
+
+
+def test_bones_for_cpp_programs(capsys, tmp_path):
+    def exported(*words):
+        out = tmp_path / f"{len(list(tmp_path.iterdir()))}.burr"
+        assert result(capsys, "export", *words, "--out", out)["written"] == str(out)
+        bone, tick = burrlab.load_bone(out)
+        return bone.digest(), tick
+
+    flat = burrlab.load_trace(FILES / "flat.burr")
+    bone, tick = burrlab.load_bone(FILES / "bone.h5")
+    volume = burrlab.read_volume(FILES / "grey.nrrd").to_bone(burrlab.OccupancyMap.two_point(90, 180))
+    assert exported(FILES / "flat.burr") == (flat.digests[-1][1], 100)
+    assert exported(FILES / "flat.burr", "--until", 40) == (flat.initial_digest, 40)
+    assert exported(FILES / "bone.h5") == exported(tmp_path / "2.burr") == (bone.digest(), tick)
+    assert exported("--volume", FILES / "grey.nrrd", "--map", "90:180") == (volume.digest(), 0)
+    out = ("--out", tmp_path / "new.burr")
+    for words, said in (
+        ([], "export needs one of FILE and, for .burr, --volume or --labels"),
+        ([FILES / "bone.h5", "--map", "90:180"], "--map goes with a volume"),
+        ([FILES / "bone.h5", "--until", 3], "--until goes with a trace"),
+        ([FILES / "flat.burr", "--burr", 1], "--burr goes with --out FILE.hdf5"),
+    ):
+        assert said in refusal(capsys, "export", *words, *out)
+    assert "--until goes with --out FILE.burr" in refusal(
+        capsys, "export", FILES / "flat.burr", "--until", 40, "--out", tmp_path / "new.hdf5"
+    )

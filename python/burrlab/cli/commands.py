@@ -239,6 +239,7 @@ _LIVE = (
     flag("--stereo", "both eyes side by side; with --view or --web, whose page has a switch for it", None),
 )  # fmt: skip
 _TRACE = option("file", "a trace", metavar="FILE")
+_UNTIL = option("--until", "tick before which to stop, default the end", type=whole, metavar="TICK")
 _PROTOCOL = option("config", "the protocol", metavar="CONFIG.toml")
 _RUN = (
     _PROTOCOL,
@@ -479,7 +480,7 @@ COMMANDS = {
     )),
     "replay": Command("session", "Execute a trace again and compare: exit status 0 equal, 1 different.", (
         _TRACE,
-        option("--until", "tick before which to stop, default the end", type=whole, metavar="TICK"),
+        _UNTIL,
         JSON,
     )),
     "metrics": Command("session", "How the burr was handled: time, motion, force, bone removed.", (
@@ -493,11 +494,17 @@ COMMANDS = {
         WATCH,
         *OUTPUT,
     )),
-    "export": Command("session", "Write a trace as the simulator volumetric_drilling records a session.", (
-        _TRACE,
-        option("--out", "a new file", required=True, metavar="FILE.hdf5"),
-        option("--burr", "that is the drill, default 0", type=whole, default=0, metavar="INDEX"),
+    "export": Command("session", "Write a trace as volumetric_drilling records a session (.hdf5), or a bone for C++ "
+            "programs (.burr).", (
+        option("file", "a trace; for .burr also a bone that was kept, instead of --volume and --labels",
+            metavar="FILE", nargs="?"),
+        option("--out", "a new file", required=True, metavar="FILE.hdf5|.burr"),
+        option("--burr", "that is the drill, default 0", type=whole, metavar="INDEX"),
         flag("--old", "in the layout of its recordings before 2025"),
+        _UNTIL,
+        option("--voxel", "of a volume's bone [mm], default its own", type=positive),
+        VOLUME,
+        LABELS,
         JSON,
     )),
     "view": Command("view", "Show a recorded session, a bone or a volume: window, PNG, film or web page.", (

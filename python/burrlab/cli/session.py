@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ import burrlab
 from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
 from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
-from burrlab.bone.snapshot import check_bone_file
+from burrlab.bone.materials import materials
+from burrlab.bone.recipe import DrilledRecipe
+from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, save_bone
 from burrlab.cli.bone import BoneStart, chosen_start, rescued
 from burrlab.cli.commands import LIMITS
 from burrlab.cli.options import (
@@ -32,6 +35,7 @@ from burrlab.cli.options import (
     warnings_said,
     working,
 )
+from burrlab.cli.recipe import OF_LABELS, PLACE, chosen_recipe, say_notes
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere
 from burrlab.effects.companion import Companion
@@ -412,8 +416,45 @@ def do_metrics(options: Options) -> None:
 
 def do_export(options: Options) -> None:
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
-    export_volumetric_drilling(
-        burrlab.load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
-        progress=on_terminal(),
-    )  # fmt: skip
-    deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
+    flat = Path(options.out).suffix.lower() == FLAT_ENDING
+    of_volume = options.volume is not None or options.labels is not None
+    for applies, names, why in (
+        (flat, ("burr", "old"), "goes with --out FILE.hdf5"),
+        (not flat, ("until", "volume", "labels"), f"goes with --out FILE{FLAT_ENDING}"),
+        (not of_volume, ("map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS), "goes with a volume"),
+        (True, PLACE, "is of a descent"),
+    ):  # fmt: skip
+        refuse_options(options, names, why, applies)
+    refuse(
+        (options.file is not None) + of_volume != 1,
+        f"export needs one of FILE and, for {FLAT_ENDING}, --volume or --labels",
+    )
+    if flat:
+        _export_bone(options, of_volume=of_volume)
+    else:
+        export_volumetric_drilling(
+            burrlab.load_trace(options.file), options.out, burr=options.burr or 0, layout="old" if options.old else "new",
+            progress=on_terminal(),
+        )  # fmt: skip
+    source = options.file or options.volume or options.labels
+    deliver(options, {"file": source, "written": options.out}, f"written {options.out}")
+
+
+def _export_bone(options: Options, *, of_volume: bool) -> None:
+    """Writes the bone of a file, of a trace after some of its ticks, or of a volume, as a flat file."""
+    try:
+        trace = None if of_volume else burrlab.load_trace(options.file)
+    except (ValueError, IsADirectoryError) as error:
+        if isinstance(error, ValueError) and "is not a burrlab trace" not in str(error):
+            raise
+        trace = None
+    if trace is not None:
+        again = burrlab.replay(trace, until=options.until, progress=on_terminal())
+        refuse(not again.equal, f"the trace replays otherwise than recorded: {again.difference}")
+        return save_bone(options.out, again.bone, again.tick, source=trace.source)
+    refuse_options(options, ("until",), "goes with a trace")
+    recipe = chosen_recipe(options, materials["bone"]) if of_volume else DrilledRecipe(options.file)
+    assert recipe is not None
+    say_notes(recipe)
+    source = json.dumps({**recipe.plain(), "notes": list(recipe.notes())})
+    save_bone(options.out, recipe.bone(), getattr(recipe, "tick", 0), source=source)

@@ -6,11 +6,12 @@
 #include <cstddef>
 #include <iomanip>
 #include <sstream>
-#include <system_error>
 
 #include "brick_levels.hpp"
+#include "burrlab.h"
 #include "cpu_path.hpp"
 #include "require.hpp"
+#include "standard_arithmetic.hpp"
 
 namespace burrlab {
 namespace {
@@ -32,7 +33,7 @@ std::uint32_t checksum(const char* bytes, std::size_t size, std::uint32_t before
 }
 
 void require_good(const std::ios& file, const Path& path) {
-  if (!file) throw std::system_error(errno ? errno : EIO, std::generic_category(), path.string());
+  if (!file) throw SystemError({errno ? errno : EIO, std::generic_category()}, path.string());
 }
 
 template <class... Words>
@@ -49,7 +50,8 @@ void put_material(std::ostream& head, const Material& m) {
 std::ofstream create(const Path& path, const VoxelBone& bone, std::uint64_t tick, const std::string& source,
                      const SessionSetup* setup = nullptr) {
   if (std::filesystem::exists(path))
-    throw std::system_error(std::make_error_code(std::errc::file_exists), path.string());
+    throw SystemError(std::make_error_code(std::errc::file_exists), path.string());
+  const StandardEnvironment environment;
   const VoxelBone::Reading reading(bone);
   const TissueMap* map = bone.tissues().get();
   std::vector<const std::uint8_t*> eroded(bone.brick_count());
@@ -72,7 +74,7 @@ std::ofstream create(const Path& path, const VoxelBone& bone, std::uint64_t tick
   if (setup) {
     const std::chrono::duration<double> now = std::chrono::system_clock::now().time_since_epoch();
     put(head, setup->seed, setup->period, setup->scheme == Scheme::layer ? "layer" : "cell", now.count(),
-        cpu_path(), setup->tools.size());
+        cpu_path(), burrlab_version(), setup->tools.size());
     for (const Tool& tool : setup->tools) put_material(head << tool.burr.radius << ' ', tool.material);
   }
   const std::string text = head.str();
@@ -86,10 +88,11 @@ std::ofstream create(const Path& path, const VoxelBone& bone, std::uint64_t tick
 }
 
 VoxelBone read_content(std::ifstream& file, std::uint64_t left, std::uint64_t& tick, std::string& source) {
+  const StandardEnvironment environment;
   const auto get_bytes = [&](auto bytes, std::uint64_t count) {
     bytes.resize(std::size_t(std::min(count, left)));
     file.read(reinterpret_cast<char*>(bytes.data()), std::streamsize(bytes.size()));
-    if (!file || count > left) throw std::invalid_argument("it was cut short");
+    if (!file || count > left) throw InvalidArgument("it was cut short");
     return bytes;
   };
   std::uint64_t size = 0, sizes[3] = {};
@@ -97,7 +100,7 @@ VoxelBone read_content(std::ifstream& file, std::uint64_t left, std::uint64_t& t
   file >> size >> sum;
   file.get();
   const std::string text = get_bytes(std::string(), size);
-  if (checksum(text.data(), text.size()) != sum) throw std::invalid_argument("its header was changed");
+  if (checksum(text.data(), text.size()) != sum) throw InvalidArgument("its header was changed");
   std::istringstream head(text);
   head.imbue(std::locale::classic());
   Index3 shape{};
@@ -111,7 +114,7 @@ VoxelBone read_content(std::ifstream& file, std::uint64_t left, std::uint64_t& t
   double bricks = 1.0;
   for (const std::int64_t n : shape) bricks *= std::ceil(double(n) / brick_side);
   if (2.0 * bricks > double(pristine.size()))  // before the bone takes memory for its shape
-    throw std::invalid_argument("its levels do not fill its shape");
+    throw InvalidArgument("its levels do not fill its shape");
   VoxelBone bone(shape, pristine.data(), pristine.size(), spacing, origin);
   const auto eroded = packed_tiles(present.data(), present.size(), bone.brick_count());
   std::uint8_t q[brick_voxels], p[brick_voxels];
@@ -138,7 +141,7 @@ VoxelBone read_content(std::ifstream& file, std::uint64_t left, std::uint64_t& t
     bone.set_tissues(std::make_shared<const TissueMap>(shape, numbers.data(), numbers.size(), all));
   }
   if (bone.digest() != digest)
-    throw std::invalid_argument("the bone has digest " + bone.digest() + ", and was written with " + digest);
+    throw InvalidArgument("the bone has digest " + bone.digest() + ", and was written with " + digest);
   return bone;
 }
 
@@ -149,14 +152,16 @@ void write_bone(const Path& path, const VoxelBone& bone, std::uint64_t tick, con
 }
 
 VoxelBone read_bone(const Path& path, std::uint64_t* tick, std::string* source) {
-  const std::uint64_t size = std::filesystem::file_size(path);
+  std::error_code code;
+  const std::uint64_t size = std::filesystem::file_size(path, code);
+  if (code) throw SystemError(code, path.string());
   std::ifstream file(path, std::ios::binary);
   require_good(file, path);
   file.imbue(std::locale::classic());
   std::string start(sizeof magic - 1, '\0'), from;
   file.read(start.data(), std::streamsize(start.size()));
   if (start != magic)
-    throw std::invalid_argument(path.string() + " is not a flat file of format 1, the newest that is known");
+    throw InvalidArgument(path.string() + " is not a flat file of format 1, the newest that is known");
   try {
     std::uint64_t executed = 0;
     VoxelBone bone = read_content(file, size, executed, from);
@@ -164,7 +169,7 @@ VoxelBone read_bone(const Path& path, std::uint64_t* tick, std::string* source) 
     if (source) *source = from;
     return bone;
   } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(path.string() + " is damaged: " + error.what());
+    throw InvalidArgument(path.string() + " is damaged: " + error.what());
   }
 }
 
@@ -173,7 +178,7 @@ FlatTrace::FlatTrace(const Path& path, std::shared_ptr<const TickExecutor> execu
     : path_(path), executor_(std::move(executor)), next_(executor_->tick()) {
   const std::uint16_t number = 1;
   if (!*reinterpret_cast<const char*>(&number))
-    throw std::invalid_argument("a flat file of a session needs a little-endian machine");
+    throw InvalidArgument("a flat file of a session needs a little-endian machine");
   file_ = create(path, *executor_->bone(), next_, source, &executor_->setup());
 }
 
@@ -189,7 +194,7 @@ void FlatTrace::write(const TickRecord& record) {
 }
 
 void FlatTrace::record(HapticLoop& loop) {
-  if (loop.executor() != executor_) throw std::invalid_argument("loop must have the executor of the trace");
+  if (loop.executor() != executor_) throw InvalidArgument("loop must have the executor of the trace");
   const auto reader = std::make_shared<RecordReader>(loop.ring());
   if (!loop.started()) {
     loop.add_reader(reader);
@@ -204,7 +209,7 @@ void FlatTrace::record(HapticLoop& loop) {
     if (next == RecordReader::Result::none) continue;
     const std::string why = "the record of tick " + std::to_string(next_) + " was lost: the ring was overrun";
     end("-", why);
-    throw std::runtime_error(path_.string() + ": " + why);
+    throw RuntimeError(path_.string() + ": " + why);
   }
   finish(loop.reason());
 }

@@ -16,6 +16,7 @@
 #include "burrlab/bone_view.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "burrlab/digest.hpp"
+#include "burrlab/flat_file.hpp"
 #include "burrlab/force.hpp"
 #include "burrlab/host_burr.hpp"
 #include "burrlab/material.hpp"

@@ -9,6 +9,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 // Symbols are hidden but for those with this mark. A shared library for Windows is built and used with
 // BURRLAB_SHARED, which the CMake target sets.
@@ -47,6 +48,13 @@ class BURRLAB_API RuntimeError : public std::runtime_error, public Error {
   /// With the sentence that `what` gives.
   explicit RuntimeError(const std::string& sentence) : runtime_error(sentence) {}
   const char* what() const noexcept override;  ///< the sentence
+};
+
+/// The system cannot read or write a file, or a new one exists already.
+class BURRLAB_API SystemError : public std::system_error, public Error {
+ public:
+  SystemError(std::error_code code, const std::string& path) : system_error(code, path) {}
+  const char* what() const noexcept override;  ///< path and reason
 };
 
 }  // namespace burrlab

@@ -15,35 +15,35 @@
 
 namespace burrlab {
 
-// These throw std::system_error, with the path and the reason, if the system cannot read or write a file or a
+// These throw SystemError, with the path and the reason, if the system cannot read or write a file or a
 // new file exists.
 
 /// Writes a bone to a new file. `tick`: ticks executed on it; `source`: where it comes from. Throws
-/// std::invalid_argument if another thread changes the bone.
-void write_bone(const std::filesystem::path& path, const VoxelBone& bone, std::uint64_t tick = 0,
-                const std::string& source = "");
-/// The bone that was written, or with which a trace begins. Throws std::invalid_argument, a sentence with the
+/// InvalidArgument if another thread changes the bone.
+BURRLAB_API void write_bone(const std::filesystem::path& path, const VoxelBone& bone, std::uint64_t tick = 0,
+                            const std::string& source = "");
+/// The bone that was written, or with which a trace begins. Throws InvalidArgument, a sentence with the
 /// path, if the file is no flat file, damaged, or of a newer format.
-VoxelBone read_bone(const std::filesystem::path& path, std::uint64_t* tick = nullptr,
-                    std::string* source = nullptr);
+BURRLAB_API VoxelBone read_bone(const std::filesystem::path& path, std::uint64_t* tick = nullptr,
+                                std::string* source = nullptr);
 
 /// Writes a session to a new file. One thread at a time, not the haptic one: it allocates, and waits for the
 /// disk.
-class FlatTrace {
+class BURRLAB_API FlatTrace {
  public:
   /// Writes the executor's bone as it is, and its setup; to be made before the next tick.
   FlatTrace(const std::filesystem::path& path, std::shared_ptr<const TickExecutor> executor,
             const std::string& source = "");
 
   /// Of a host that calls TickExecutor::execute: writes the tick executed last. Ticks reach the file some 40
-  /// at a time. Throws std::invalid_argument, and writes nothing, if the tick is not the next one.
+  /// at a time. Throws InvalidArgument, and writes nothing, if the tick is not the next one.
   void write(const TickRecord& record);
   /// Starts the loop if it has not been, writes its ticks every 20 ms until it ends, and finishes. A virtual
   /// clock that is started here waits for the file. If a tick was lost, as the ring was overrun, the file
-  /// says so and std::runtime_error is thrown. After an error the loop goes on.
+  /// says so and RuntimeError is thrown. After an error the loop goes on.
   void record(HapticLoop& loop);
   /// Ends the file with the reason, cut to 151 bytes, and the bone's digest; later calls do nothing. Throws
-  /// std::invalid_argument if the bone is in use. A file without this is that of a killed program.
+  /// InvalidArgument if the bone is in use. A file without this is that of a killed program.
   void finish(const std::string& reason) { end(executor_->bone()->digest(), reason); }
 
  private:

@@ -509,11 +509,11 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
     with path.open("rb") as file, told_as_damage(path):
         file.seek(begin)
         rows = memoryview(file.read())
-        seed, period, scheme, started, cpu_path, burrs = words[:6]
+        seed, period, scheme, started, cpu_path, version, burrs = words[:7]
         tools = tuple(
             (Burr(float(radius)), Material(name, c_e=float(c_e), alpha=float(alpha), shape=shape, source=origin,
                                            force_exponent=float(force), rate_exponent=float(rate)))
-            for radius, name, origin, shape, c_e, alpha, force, rate in zip(*[iter(words[6:])] * 8, strict=True)
+            for radius, name, origin, shape, c_e, alpha, force, rate in zip(*[iter(words[7:])] * 8, strict=True)
         )  # fmt: skip
         refuse(str(len(tools)) != burrs, f"it has {burrs} burrs and {len(tools)} tools")
         row = np.dtype([*record_dtype.descr[:-1], ("burr", record_dtype["burr"].base, (len(tools),))])
@@ -529,7 +529,7 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
         _check_rows(ticks, first)
         _check_setup(bone, tools, (), int(seed), scheme)
         made_by = dict.fromkeys(("python", "numpy", "machine"), "") | {
-            "burrlab": "C++", "cpu_path": cpu_path, "started_unix_s": float(started),
+            "burrlab": f"{version}, C++", "cpu_path": cpu_path, "started_unix_s": float(started),
             "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(float(started))),
         }  # fmt: skip
         return Trace(

@@ -62,6 +62,7 @@ cpp: $(VENV)/developed
 	$(BIN)/cmake --install build --component cpp --prefix build/prefix
 	$(BIN)/cmake -S examples/cpp -B build/examples -DCMAKE_PREFIX_PATH=$(abspath build/prefix)
 	$(BIN)/cmake --build build/examples
+	rm -f build/examples/device.burr
 	cd build/examples && for example in tick descent device renderer host host_c; do ./$$example || exit 1; done
 	$(BIN)/burrlab replay build/examples/device.burr
 	$(BIN)/burrlab fit build/examples/descent.csv --radius 3

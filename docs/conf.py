@@ -1,4 +1,6 @@
-"""The site: the pages of docs/, the notebooks with their stored outputs, and the reference from docstrings.
+"""The site: the pages of docs/, the notebooks with their stored outputs, and the references.
+
+That of Python comes from docstrings, that of C++ from the public headers by Doxygen's XML.
 
 The source folder is the repository, so that links between pages and notebooks are those of the Markdown.
 """
@@ -12,8 +14,12 @@ import inspect
 import json
 import re
 import shutil
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element as Node
 
 from docutils.nodes import Element
 from sphinx.application import Sphinx
@@ -44,7 +50,8 @@ include_patterns = [
 nitpicky = True
 # a parameter in backticks, and what is made for the user but has no public name
 nitpick_ignore_regex = [
-    ("py:obj", r"\w+|.*\.(BoneRecipe|Calibration|FitRecord|bootstrap|rising|slope_error)")
+    ("py:obj", r"\w+|.*\.(BoneRecipe|Calibration|FitRecord|bootstrap|rising|slope_error)"),
+    ("cpp:identifier", r"u?int\d+_t|size_t|Eigen.*|Vec3::.*|ErosionSteps|AnatomyWatch"),
 ]
 default_role = "autolink"  # a name in backticks is a link if burrlab has it
 myst_heading_anchors = 4
@@ -66,6 +73,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 SECTIONS = {
     "Tutorials": ["Install and first steps </README>"]
     + sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
+    "From C++": ["cpp", "simulator", "cpp_reference"],
     "How to": [
         *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "devices"),
         *("trace", "network", "view", "web", "effects", "experiment"),
@@ -81,6 +89,25 @@ SECTIONS["Project"] = sorted(f"/{path.stem}" for path in ROOT.glob("*.md") if pa
 SECTIONS["Project"].append("/tests/golden/psyphy/README")
 PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
+HEADERS = ROOT / "cpp/include"
+HEADER_PAGES: dict[str, str] = {}  # of C++, and the first sentence of each
+NO_DOXYGEN = "The C++ reference is left out, as Doxygen is not installed (apt-get install doxygen)."
+DOXYGEN = f"""
+INPUT = .
+FILE_PATTERNS = *.hpp
+RECURSIVE = YES
+OUTPUT_DIRECTORY = {ROOT / "build/doxygen"}
+GENERATE_HTML = NO
+GENERATE_LATEX = NO
+GENERATE_XML = YES
+XML_PROGRAMLISTING = NO
+QUIET = YES
+WARN_IF_UNDOCUMENTED = NO
+WARN_AS_ERROR = YES
+MACRO_EXPANSION = YES
+EXPAND_ONLY_PREDEF = YES
+PREDEFINED = BURRLAB_API=
+"""
 
 
 def heading(text: str, line: str) -> str:
@@ -138,6 +165,92 @@ def write_reference(folder: Path) -> None:
         (folder / f"{package.__name__}.rst").write_text(text, encoding="utf-8")
 
 
+def escape(text: str | None) -> str:
+    return re.sub(r"([\\*|]|_(?!\w))", r"\\\1", text or "")
+
+
+def comment_of(node: Node) -> str:
+    """The comment of a declaration, and those of the names of an enumeration."""
+    text = ""
+    for para in (*node.findall("briefdescription/para"), *node.findall("detaileddescription/para")):
+        for part in para.iter():
+            text += f"``{part.text}``" if part.tag == "computeroutput" else escape(part.text)
+            text += escape(part.tail) if part is not para else ""
+        text += "\n\n"
+    for name in node.findall("enumvalue"):
+        text += f".. cpp:enumerator:: {name.findtext('name')}\n\n" + textwrap.indent(comment_of(name), "   ")
+    return text
+
+
+def declaration(node: Node, name: str) -> str:
+    """A declaration of C++ as Sphinx takes it."""
+    kind, text = node.get("kind"), name
+    type_name, initializer = (
+        "".join(text for part in node.findall(tag) for text in part.itertext())
+        for tag in ("type", "initializer")
+    )
+    if bases := node.findall("basecompoundref"):
+        text += " : " + ", ".join("public " + base.text.removeprefix("burrlab::") for base in bases)
+    elif kind == "typedef":
+        kind, text = "type", f"{name} = {type_name}"
+    elif kind == "enum":
+        kind = "enum-class" if node.get("strong") == "yes" else "enum"
+    elif kind in ("function", "variable"):
+        words = [word for word in ("static", "explicit") if node.get(word) == "yes"]
+        words += ["virtual"] if node.get("virt", "non-virtual") != "non-virtual" else []
+        text = " ".join((*words, type_name.removeprefix("enum burrlab::"), name)) + node.findtext(
+            "argsstring", ""
+        )
+        if kind == "variable":
+            kind, text = "member", f"{text} {initializer}"
+    if types := [" ".join(part.itertext()).split() for part in node.findall("templateparamlist/param")]:
+        text = f"template <{', '.join(' '.join(words[:2]) for words in types)}> {text}"
+    return f".. cpp:{kind}:: {' '.join(text.split())}\n\n"
+
+
+def first_comment(file: Path) -> tuple[str, str]:
+    """The title of a header, and its first comment, whose indented lines are an example."""
+    text = re.match(r"(//[^\n]*\n)+|/\*.*?\*/", file.read_text(encoding="utf-8"), re.DOTALL)[0]
+    text = re.sub(r"^(//|/\*| \*/?) ?| \*/$", "", text, flags=re.MULTILINE)
+    lines = [
+        line if line.startswith("  ") else "``".join(map(escape, line.split("`")))
+        for line in text.splitlines()
+    ]
+    page = re.sub(r"\n\n(?=  )", "\n\n.. code-block:: cpp\n\n", "\n".join(lines), count=1)
+    return " ".join(re.split(r"\.\s+(?=[A-Z]|$)", text.partition("\n\n")[0])[0].rstrip(".:").split()), page
+
+
+def write_headers(folder: Path) -> None:
+    """A page for each public header: its first comment, and its public declarations in their order."""
+    shutil.rmtree(ROOT / "build/doxygen", ignore_errors=True)
+    (ROOT / "build").mkdir(exist_ok=True)
+    subprocess.run(["doxygen", "-"], input=DOXYGEN, text=True, cwd=HEADERS, check=True)
+    entries: dict[tuple[str, int, int], str] = {}  # by place in the headers
+    trees = (ElementTree.parse(file) for file in (ROOT / "build/doxygen/xml").glob("*.xml"))
+    compounds = [node for tree in trees for node in tree.iter("compounddef") if node.get("prot") != "private"]
+    for node in (node for compound in compounds for node in (compound, *compound.iter("memberdef"))):
+        name = node.findtext("qualifiedname") or node.findtext("compoundname")  # neither: a macro
+        if node.get("prot") != "public" or not name:
+            continue
+        scopes, text, place = name.split("::")[1:], comment_of(node), node.find("location").attrib
+        if text:
+            entries[place["file"], int(place["line"]), int(place["column"])] = textwrap.indent(
+                declaration(node, scopes[-1]) + textwrap.indent(text, "   "), "   " * (len(scopes) - 1)
+            )
+        elif not re.match("~|operator", scopes[-1]) and not re.search(
+            r"&[&)]", node.findtext("argsstring", "")
+        ):
+            logging.getLogger(__name__).warning("%s has no comment in its header", name)
+    for file in sorted(HEADERS.rglob("*.h*"), key=lambda file: (file.stem != "burrlab", file)):
+        path = file.relative_to(HEADERS).as_posix()
+        HEADER_PAGES[path], text = first_comment(file)
+        text += "\n\n.. cpp:namespace:: burrlab\n\n"
+        text += "".join(entries[place] for place in sorted(entries) if place[0] == path)
+        if path == "burrlab.h":  # C programmers, and those who bind it, read it as it is
+            text = f".. literalinclude:: /{file.relative_to(ROOT).as_posix()}\n   :language: c\n"
+        (folder / f"{path.replace('/', '.')}.rst").write_text(heading(path, "=") + text, encoding="utf-8")
+
+
 def short_signature(
     app: Sphinx, what: str, name: str, found: object, options: object, text: str, returns: str
 ):
@@ -193,6 +306,14 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
     if page == "docs/reference":
         names = "\n".join(f"reference/burrlab.{name}".rstrip(".") for name in PACKAGES)
         source[0] += f"\n\n```{{toctree}}\n\n{names}\n```\n"
+    if page == "docs/cpp_reference":
+        rows = {path: f"reference/{path.replace('/', '.')}" for path in HEADER_PAGES}
+        names = [f"{path.removeprefix('burrlab/')} <{page}>" for path, page in rows.items()]
+        source[0] += "\n| header | |\n|---|---|\n" if rows else f"\n{NO_DOXYGEN}\n"
+        source[0] += "".join(
+            f"| [{path}]({rows[path]}.rst) | {title} |\n" for path, title in HEADER_PAGES.items()
+        )
+        source[0] += "\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n" if rows else ""
     if page == "docs/gallery":
         source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"][1:])
 
@@ -211,6 +332,10 @@ def lead_in(app: Sphinx, exception: Exception | None) -> None:
 
 def setup(app: Sphinx) -> None:
     write_reference(DOCS / "reference")
+    if shutil.which("doxygen"):
+        write_headers(DOCS / "reference")
+    else:
+        print(NO_DOXYGEN, file=sys.stderr)
     app.connect("autodoc-process-docstring", escape_bars)
     app.connect("autodoc-process-signature", short_signature)
     app.connect("missing-reference", find_public)

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -38,6 +39,12 @@ def test_script_of_the_readme(here, capsys):
         in said
     )
     assert "[[Variables]]" in said
+
+
+def test_program_of_the_readme():
+    """`make cpp` compiles and runs it."""
+    (core,) = blocks("README.md", "cpp")
+    assert textwrap.indent(core, "  ") in (ROOT / "examples/cpp/tick.cpp").read_text(encoding="utf-8")
 
 
 def test_commands_of_the_readme(here):

@@ -21,6 +21,7 @@ class BURRLAB_API BoneView {
  public:
   static constexpr int solid_level = 128;  ///< least level of a solid voxel
 
+  /// What `update` finds.
   struct Changes {
     std::vector<std::uint32_t> bricks;  ///< numbers as in VoxelBone::place and extent, in order
     std::vector<Index3> places;         ///< first voxel of each, (z, y, x)

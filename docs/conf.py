@@ -244,10 +244,11 @@ def write_headers(folder: Path) -> None:
     for file in sorted(HEADERS.rglob("*.h*"), key=lambda file: (file.stem != "burrlab", file)):
         path = file.relative_to(HEADERS).as_posix()
         HEADER_PAGES[path], text = first_comment(file)
+        if path == "burrlab.h":  # who calls it from C or binds it reads it as it is
+            text += f"\n\n.. literalinclude:: /{file.relative_to(ROOT).as_posix()}\n   :language: c\n"
+            text += "   :start-at: #define BURRLAB_ABI_VERSION\n   :end-before: #ifdef __cplusplus\n"
         text += "\n\n.. cpp:namespace:: burrlab\n\n"
         text += "".join(entries[place] for place in sorted(entries) if place[0] == path)
-        if path == "burrlab.h":  # C programmers, and those who bind it, read it as it is
-            text = f".. literalinclude:: /{file.relative_to(ROOT).as_posix()}\n   :language: c\n"
         (folder / f"{path.replace('/', '.')}.rst").write_text(heading(path, "=") + text, encoding="utf-8")
 
 

@@ -53,6 +53,7 @@ class BURRLAB_API RuntimeError : public std::runtime_error, public Error {
 /// The system cannot read or write a file, or a new one exists already.
 class BURRLAB_API SystemError : public std::system_error, public Error {
  public:
+  /// With the code, and the path in the sentence.
   SystemError(std::error_code code, const std::string& path) : system_error(code, path) {}
   const char* what() const noexcept override;  ///< path and reason
 };

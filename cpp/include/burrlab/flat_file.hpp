@@ -15,23 +15,21 @@
 
 namespace burrlab {
 
-// These throw SystemError, with the path and the reason, if the system cannot read or write a file or a
-// new file exists.
-
 /// Writes a bone to a new file. `tick`: ticks executed on it; `source`: where it comes from. Throws
-/// InvalidArgument if another thread changes the bone.
+/// InvalidArgument if another thread changes the bone, SystemError if the file exists or cannot be written.
 BURRLAB_API void write_bone(const std::filesystem::path& path, const VoxelBone& bone, std::uint64_t tick = 0,
                             const std::string& source = "");
 /// The bone that was written, or with which a trace begins. Throws InvalidArgument, a sentence with the
-/// path, if the file is no flat file, damaged, or of a newer format.
+/// path, if the file is no flat file, damaged, or of a newer format, and SystemError if it cannot be read.
 BURRLAB_API VoxelBone read_bone(const std::filesystem::path& path, std::uint64_t* tick = nullptr,
                                 std::string* source = nullptr);
 
 /// Writes a session to a new file. One thread at a time, not the haptic one: it allocates, and waits for the
-/// disk.
+/// disk. Every call throws SystemError if the system cannot write the file.
 class BURRLAB_API FlatTrace {
  public:
-  /// Writes the executor's bone as it is, and its setup; to be made before the next tick.
+  /// Writes the executor's bone as it is, and its setup; to be made before the next tick. Throws SystemError
+  /// if the file exists.
   FlatTrace(const std::filesystem::path& path, std::shared_ptr<const TickExecutor> executor,
             const std::string& source = "");
 

@@ -93,7 +93,7 @@ py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   for (SurfaceBlock& block : made)
     out.append(py::make_tuple(to_owner(std::move(block.points), 3), to_owner(std::move(block.normals), 3),
                               to_owner(std::move(block.triangles), 3), to_owner(std::move(block.tissues), 1),
-                              to_owner(std::move(block.lost), 1)));
+                              to_owner(std::move(block.lost), 1), to_owner(std::move(block.numbers), 1)));
   return out;
 }
 
@@ -125,7 +125,8 @@ void bind_surface(py::module_& m) {
         "is above the pristine one; nothing is written then.");
   m.def("extract_surface", &extract, "bone"_a, "blocks"_a, "level"_a = 128,
         "For each block of 32^3 voxels, blocks (n, 3) (z, y, x): points (v, 3) float32 [mm], normals (v, 3) "
-        "float32, triangles (t, 3) int32, tissues (v,) uint8, lost (v,) uint8.");
+        "float32, triangles (t, 3) int32, tissues (v,) uint8, lost (v,) uint8, numbers (v,) int64: a vertex "
+        "that blocks repeat has the same number in each.");
   m.def("tissue_box", &tissue_box, "bone"_a, "start"_a, "shape"_a,
         "Tissue numbers in a box, (z, y, x) uint8; a copy. None without tissues.");
 }

@@ -1,12 +1,14 @@
-// Surface nets (Gibson, Constrained elastic surface nets, MICCAI 1998, without the relaxation). Each cell, a
-// cube of eight voxel centres, that the surface passes has one vertex: the mean of its crossings of the
-// cell's edges. Each edge between two voxel centres that it crosses has one quad about it. Vertex and normal
-// depend only on the levels of 4^3 voxels, in a fixed order, so blocks agree to the bit.
+// Surface nets (Gibson, Constrained elastic surface nets, MICCAI 1998, without the relaxation). A cell is a
+// cube of eight voxel centres. Each part of the surface in it has one vertex: the mean of the part's
+// crossings of the cell's edges. So the surface is a manifold (Nielson, Dual marching cubes, IEEE
+// Visualization 2004). Each edge between two voxel centres that it crosses has one quad about it. Vertex and
+// normal depend only on the levels of 4^3 voxels, in a fixed order, so blocks agree to the bit.
 #include "surface.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <numeric>
 #include <string>
 
 #include "brick_levels.hpp"
@@ -20,6 +22,60 @@ constexpr int margin = 2;  // voxels around a block that affect its vertices and
 constexpr int side = surface_side + 2 * margin;
 constexpr int last = surface_side + margin - 1;  // the block's own last voxel
 constexpr std::array<int, 3> step = {1, side, side * side};
+constexpr int most_parts = 4;  // of the surface in a cell
+
+// Number 0..11 of the edge of a cell that leaves a corner along an axis.
+constexpr int edge_number(int axis, int corner) {
+  return 4 * axis + (corner >> (axis + 1) % 3 & 1) + 2 * (corner >> (axis + 2) % 3 & 1);
+}
+
+// The part of the surface, 0..3, that crosses each edge of a cell, by the cell's solid corners. On an
+// ambiguous face, whose corners are solid and empty in turn, [0] joins the solid ones, so that thin walls
+// hold, [1] the empty ones.
+struct Parts {
+  std::uint8_t of_edge[2][256][12];
+  // The face, 2 axis + side, that a part of [0] crosses twice, else -1. No other face is ambiguous then.
+  int twice[256];
+
+  Parts() {
+    for (int solid = 0; solid < 256; ++solid)
+      for (int rule = 0; rule < 2; ++rule) divide(solid, rule);
+  }
+
+ private:
+  // Joins the edges between which the surface crosses a face.
+  void divide(int solid, int rule) {
+    std::uint8_t* part = of_edge[rule][solid];
+    std::iota(part, part + 12, std::uint8_t{0});
+    const auto join = [&](int a, int b) {
+      std::replace(part, part + 12, std::uint8_t(part[b]), std::uint8_t(part[a]));  // copies: both change
+    };
+    int edges[6][4];  // of each face, from each corner to the next
+    bool ambiguous[6];
+    for (int face = 0; face < 6; ++face) {
+      const int axis = face / 2, first = (face & 1) << axis, u = 1 << (axis + 1) % 3, v = 1 << (axis + 2) % 3;
+      const int corners[4] = {first, first | u, first | u | v, first | v};
+      for (int i = 0; i < 4; ++i)
+        edges[face][i] = edge_number((axis + 1 + i % 2) % 3, std::min(corners[i], corners[(i + 1) % 4]));
+      for (int i = 0; i < 4; ++i) {
+        const auto is_solid = [&](int k) { return (solid >> corners[(i + k) % 4] & 1) != 0; };
+        const bool here = is_solid(0), alike = here == is_solid(2);
+        const bool after = here != is_solid(1), before = here != is_solid(3);
+        ambiguous[face] = after && before && alike;
+        if (after && !before && !alike) join(edges[face][i], edges[face][(i + 2) % 4]);
+        if (after && before && (!alike || here == (rule == 1)))
+          join(edges[face][i], edges[face][(i + 3) % 4]);
+      }
+    }
+    if (rule == 0) twice[solid] = -1;
+    for (int face = 0; face < 6; ++face)
+      if (rule == 0 && ambiguous[face] && part[edges[face][0]] == part[edges[face][2]]) twice[solid] = face;
+    std::uint8_t count = 0;
+    for (int edge = 0; edge < 12; ++edge)
+      if (std::count(part, part + 12, edge) > 1) std::replace(part, part + 12, std::uint8_t(edge), count++);
+  }
+};
+const Parts parts;
 
 class Extraction {
  public:
@@ -32,7 +88,7 @@ class Extraction {
   SurfaceBlock run() {
     if (!load()) return {};
     if (!classify()) return {};
-    vertex_.assign(std::size_t(step[2]) * side, -1);
+    vertex_.assign(std::size_t(most_parts) * step[2] * side, -1);
     for (int axis = 0; axis < 3; ++axis) cross_edges(axis);
     return std::move(out_);
   }
@@ -104,8 +160,9 @@ class Extraction {
   }
 
   void quad(int axis, int voxel, bool solid_first) {
-    const int u = step[std::size_t((axis + 1) % 3)], v = step[std::size_t((axis + 2) % 3)];
-    std::int32_t corner[4] = {vertex(voxel - u - v), vertex(voxel - v), vertex(voxel), vertex(voxel - u)};
+    const int u = step[std::size_t((axis + 1) % 3)], v = step[std::size_t((axis + 2) % 3)], edge = 4 * axis;
+    std::int32_t corner[4] = {vertex(voxel - u - v, edge + 3), vertex(voxel - v, edge + 2),
+                              vertex(voxel, edge), vertex(voxel - u, edge + 1)};
     if (!solid_first) std::swap(corner[1], corner[3]);
     // along the shorter diagonal
     const int turn = distance(corner[0], corner[2]) <= distance(corner[1], corner[3]) ? 0 : 1;
@@ -122,14 +179,36 @@ class Extraction {
     return sum;
   }
 
-  // Number of a cell's vertex, made if new. A cell is named by its first voxel.
-  std::int32_t vertex(int cell) {
-    std::int32_t& number = vertex_[std::size_t(cell)];
+  // One bit per corner of a cell. A cell is named by its first voxel.
+  int solid_corners(int cell) const {
+    const auto pair = [&](int row) {
+      return int(inside_[std::size_t(cell / side + row)] >> cell % side & 3);
+    };
+    return pair(0) | pair(1) << 2 | pair(side) << 4 | pair(side + 1) << 6;
+  }
+
+  // Parts of the surface in a cell. Where a part on each side of a face crosses it twice, four quads would
+  // meet in an edge: both cells are by [1] then.
+  const std::uint8_t* parts_in(int cell) const {
+    const int solid = solid_corners(cell), face = parts.twice[solid];
+    if (face < 0) return parts.of_edge[0][solid];
+    const int beyond = cell + (face & 1 ? 1 : -1) * step[std::size_t(face / 2)];
+    return parts.of_edge[parts.twice[solid_corners(beyond)] == (face ^ 1)][solid];
+  }
+
+  // Number of the vertex of the part that crosses a cell's edge, made if new.
+  std::int32_t vertex(int cell, int edge) {
+    const std::uint8_t* part = parts_in(cell);
+    std::int32_t& number = vertex_[std::size_t(most_parts * cell + part[edge])];
     if (number >= 0) return number;
     number = std::int32_t(out_.tissues.size());
-    const Vec3 at = crossing_mean(cell), n = normal(cell, at);
+    const Vec3 at = crossing_mean(cell, part, part[edge]), n = normal(cell, at);
     const std::array<std::int64_t, 3> first = {cell % side + low_[2], cell / side % side + low_[1],
                                                cell / step[2] + low_[0]};
+    const Index3& shape = bone_.shape();
+    const std::int64_t in_volume =
+        ((first[2] + 1) * (shape[1] + 1) + first[1] + 1) * (shape[2] + 1) + first[0] + 1;
+    out_.numbers.push_back(most_parts * in_volume + part[edge]);
     for (int axis = 0; axis < 3; ++axis) {
       const double index = double(first[std::size_t(axis)]) + at[axis];
       out_.points.push_back(float(bone_.origin()[axis] + bone_.spacing()[axis] * index));
@@ -144,8 +223,8 @@ class Extraction {
     return (corner & 1) + (corner >> 1 & 1) * step[1] + (corner >> 2) * step[2];
   }
 
-  // Place in the cell, 0..1 along each axis.
-  Vec3 crossing_mean(int cell) const {
+  // Place of a part in the cell, 0..1 along each axis.
+  Vec3 crossing_mean(int cell, const std::uint8_t* part, int number) const {
     const double surface = level_ - 0.5;
     Vec3 sum = Vec3::Zero();
     int count = 0;
@@ -154,7 +233,7 @@ class Extraction {
         if (corner >> axis & 1) continue;
         const int a = levels_[std::size_t(cell + corner_step(corner))];
         const int b = levels_[std::size_t(cell + corner_step(corner | 1 << axis))];
-        if ((a >= level_) == (b >= level_)) continue;
+        if ((a >= level_) == (b >= level_) || part[edge_number(axis, corner)] != number) continue;
         for (int other = 0; other < 3; ++other)
           sum[other] += other == axis ? (surface - a) / (b - a) : corner >> other & 1;
         ++count;

@@ -8,13 +8,15 @@
 
 namespace burrlab {
 
-/// Triangles of a block. Neighbours repeat the vertices on their common border to the bit.
+/// Triangles of a block. Neighbours repeat the vertices on their common border to the bit. All blocks
+/// together are closed manifolds, if vertices of the same number are joined.
 struct SurfaceBlock {
   std::vector<float> points;            ///< (x, y, z) each [mm], bone frame
   std::vector<float> normals;           ///< (x, y, z) each, out of the bone, length 1
   std::vector<std::int32_t> triangles;  ///< three vertices each, counter-clockwise seen from outside
   std::vector<std::uint8_t> tissues;    ///< tissue number of the nearest solid voxel; 0 without tissues
   std::vector<std::uint8_t> lost;       ///< most levels lost by one of the eight voxels around
+  std::vector<std::int64_t> numbers;    ///< of the vertex in the volume
 };
 
 constexpr int surface_side = 32;  ///< voxels along an edge of a block

@@ -753,7 +753,14 @@ class Replica(metaclass=_Pybind11Type):
 def extract_surface(
     bone: VoxelBone, blocks: ArrayLike, level: int = 128
 ) -> list[
-    tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32], NDArray[np.uint8], NDArray[np.uint8]]
+    tuple[
+        NDArray[np.float32],
+        NDArray[np.float32],
+        NDArray[np.int32],
+        NDArray[np.uint8],
+        NDArray[np.uint8],
+        NDArray[np.int64],
+    ]
 ]: ...
 def tissue_box(bone: VoxelBone, start: Sequence[int], shape: Sequence[int]) -> NDArray[np.uint8] | None: ...
 

@@ -66,7 +66,7 @@ def directed_edges(triangles):
 def assert_equal_blocks(some, others):
     assert some.keys() == others.keys()
     for block, one in some.items():
-        for name in ("points", "normals", "triangles", "tissues", "lost"):
+        for name in ("points", "normals", "triangles", "tissues", "lost", "numbers"):
             np.testing.assert_array_equal(
                 getattr(one, name), getattr(others[block], name), err_msg=str(block)
             )

@@ -40,6 +40,8 @@ class SurfaceBlock:
         Number of the nearest solid voxel's tissue; 0 without tissues.
     lost : ndarray, shape (v,), uint8
         Most levels lost by one of the eight voxels around; above 0 on a cut surface.
+    numbers : ndarray, shape (v,), int64
+        Of the vertices in the volume: neighbours repeat them, too.
     """
 
     points: NDArray[np.float32]
@@ -47,6 +49,7 @@ class SurfaceBlock:
     triangles: NDArray[np.int32]
     tissues: NDArray[np.uint8]
     lost: NDArray[np.uint8]
+    numbers: NDArray[np.int64]
 
     def __repr__(self) -> str:
         return f"SurfaceBlock({len(self.points)} vertices, {len(self.triangles)} triangles)"
@@ -75,8 +78,8 @@ def surface_blocks(
 ) -> dict[BlockPlace, SurfaceBlock]:
     """The surface where the level passes from below `level` to at least `level`, by surface nets.
 
-    A cell is a cube of eight voxel centres. A vertex lies in the middle of the surface's crossings of a
-    cell's edges. There is no bone outside the volume, so that the surface is closed.
+    A cell is a cube of eight voxel centres. Each part of the surface in it has a vertex in the middle of its
+    crossings of the cell's edges. There is no bone outside the volume, so that the surface is closed.
 
     Parameters
     ----------
@@ -99,7 +102,8 @@ def surface_blocks(
 
     References
     ----------
-    Gibson, *Constrained elastic surface nets*, MICCAI 1998; without the relaxation.
+    Gibson, *Constrained elastic surface nets*, MICCAI 1998; without the relaxation. Nielson, *Dual marching
+    cubes*, IEEE Visualization 2004: the parts.
 
     Examples
     --------
@@ -291,7 +295,7 @@ class Surface:
         """One mesh of all blocks; vertices on common borders stay doubled."""
         none = SurfaceBlock(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
-            np.zeros(0, np.uint8), np.zeros(0, np.uint8),
+            np.zeros(0, np.uint8), np.zeros(0, np.uint8), np.zeros(0, np.int64),
         )  # fmt: skip
         blocks = [none, *self.blocks.values()]
         first = np.cumsum([0, *(len(block.points) for block in blocks[:-1])], dtype=np.int32)

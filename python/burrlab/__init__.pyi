@@ -96,3 +96,5 @@ from burrlab.theory.continuum import MeanFieldDescent as MeanFieldDescent
 from burrlab.theory.continuum import mean_field_descent as mean_field_descent
 from burrlab.theory.continuum import penetration_velocity as penetration_velocity
 from burrlab.theory.continuum import thin_layer_velocity as thin_layer_velocity
+from burrlab.view.surface import closed_surface as closed_surface
+from burrlab.view.surface import surface_distance as surface_distance

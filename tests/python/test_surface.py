@@ -1,13 +1,17 @@
-"""The surface in blocks: closed, without seams, and the same after an update as after a rebuild."""
+"""The surface in blocks: closed, without seams, and the same after an update as after a rebuild; its files, and
+distances of two."""
 
 import itertools
 
 import numpy as np
 import pytest
+import scipy
+from command_line import refusal, result
 from session_scenes import refused
-from view_scenes import carve, cortex_and_nerve
+from view_scenes import carve, cortex_and_nerve, write_trace
 
 import burrlab
+from burrlab import closed_surface, surface_distance
 from burrlab.view.camera import Viewpoint
 from burrlab.view.surface import (
     BLOCK,
@@ -16,9 +20,12 @@ from burrlab.view.surface import (
     blocks_of_bricks,
     brick_numbers,
     brick_places,
+    enclosed_volume,
     surface_blocks,
     tissue_palette,
+    write_surface,
 )
+from burrlab.volume import save_drilled
 
 RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball, (z, y, x), in voxels of 0.1 mm
 
@@ -266,4 +273,147 @@ def test_refused():
         ),
         (lambda: blocks_of_bricks([[0, 0, 3]], bone), r"bricks must lie within \(3, 3, 3\)"),
         (lambda: Surface(bone).update(larger, []), "bone must have the shape of the surface"),
+    )
+
+
+def assert_manifold(vertices, faces):
+    """Every edge is used once each way, and the triangles about a vertex are one fan."""
+    assert len(np.unique(vertices, axis=0)) == len(vertices) == len(np.unique(faces))
+    start, end = directed_edges(faces).astype(np.int64).T
+    forth, back = start << 32 | end, end << 32 | start
+    order = np.argsort(forth)
+    np.testing.assert_array_equal(forth[order], np.unique(back))
+    across = order[np.searchsorted(forth[order], back)]  # the same edge in the other triangle
+    corner = np.arange(len(start))  # where an edge starts; the other triangle's next edge starts there, too
+    following = (across + len(faces)) % len(start)
+    graph = scipy.sparse.coo_array((np.ones(len(start)), (corner, following)), shape=(len(start),) * 2)
+    assert scipy.sparse.csgraph.connected_components(graph)[0] == len(vertices)
+
+
+@pytest.mark.parametrize("level", [30, 100, 128, 220])
+def test_cells_of_every_kind_make_a_manifold(level):
+    """Also at the borders of blocks and of the volume."""
+    bone = burrlab.VoxelBone(noise(level, (20, 12, 40)), (0.1, 0.2, 0.3))
+    assert_manifold(*closed_surface(bone, left=True, level=level))
+
+
+def drilled(radius=1.5, spacing=(0.1, 0.1, 0.2), origin=(-200.0, 30.0, 5.0)):
+    """A block drilled into an edge, near another one, and to one voxel's depth."""
+    bone = burrlab.VoxelBone.block((6, 6, 6), spacing, origin=origin)
+    carve(bone, *(np.array([[0, 3, 6], [4, 4, 5], [3, 1, 6.9]]) + origin), radius=radius, ticks=300)
+    return bone
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_a_cavity_is_closed_and_holds_what_was_removed(left):
+    bone = drilled()
+    vertices, faces = closed_surface(bone, left=left)
+    assert_manifold(vertices, faces)
+    volume, box = bone.mass if left else bone.removed, np.array(bone.origin) - [0.05, 0.05, 0.1]
+    assert enclosed_volume(vertices, faces) == pytest.approx(volume, rel=0.01)
+    np.testing.assert_allclose(vertices.min(axis=0)[0], box[0], atol=0.01)  # the volume's border
+    assert (vertices > box - 0.01).all()
+    assert (vertices < box + 6.01).all()
+
+
+def read_triangles(path):
+    """Corners of the triangles of a binary STL or PLY file, (t, 3, 3)."""
+    content = path.read_bytes()
+    if path.suffix == ".stl":
+        (count,) = np.frombuffer(content, "<u4", 1, 80)
+        return np.frombuffer(content, [("n", "<f4", 3), ("at", "<f4", (3, 3)), ("_", "<u2")], count, 84)["at"]
+    head, _, body = content.partition(b"end_header\n")
+    count, faces = (
+        int(line.split()[-1]) for line in head.decode().splitlines() if line.startswith("element")
+    )
+    rows = np.frombuffer(body, [("n", "u1"), ("at", "<i4", 3)], faces, 24 * count)
+    return np.frombuffer(body, "<f8", 3 * count).reshape(-1, 3)[rows["at"]]
+
+
+@pytest.mark.parametrize("ending", [".stl", ".ply"])
+def test_a_cavity_is_exported(tmp_path, capsys, ending):
+    """Of a bone, a trace, and a half-drilled volume with turned, left-handed axes."""
+    bone, mapping = drilled(), burrlab.OccupancyMap.two_point(0, 1000)
+    burrlab.save_bone(tmp_path / "bone.h5", bone)
+    write_trace(tmp_path / "trace.h5")
+    turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    greys = np.full(bone.shape, 1000, np.int16)
+    like = burrlab.Volume(greys, bone.spacing, turn @ bone.origin, turn, "made here")
+    burrlab.write_volume(tmp_path / "like.nrrd", like)
+    save_drilled(tmp_path / "kept.nrrd", bone, burrlab.read_volume(tmp_path / "like.nrrd"), mapping=mapping)
+    exported = {}
+    for name in ("bone.h5", "trace.h5", "kept.nrrd"):
+        out = tmp_path / f"{name}{ending}"
+        written = result(capsys, "export", tmp_path / name, "--out", out)
+        assert written["volume_mm3"] == pytest.approx(written["voxels_mm3"], rel=0.01)
+        corners = exported[name] = read_triangles(out).astype(float)
+        points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        assert_manifold(points, faces.reshape(-1, 3))
+        assert enclosed_volume(points, faces.reshape(-1, 3)) == pytest.approx(written["volume_mm3"], rel=1e-3)
+    vertices, faces = closed_surface(bone)
+    np.testing.assert_allclose(exported["bone.h5"], vertices[faces], atol=1e-4)
+    np.testing.assert_allclose(exported["kept.nrrd"], (vertices @ turn.T)[faces[:, ::-1]], atol=1e-4)
+
+
+def test_exports_that_are_refused(tmp_path, capsys):
+    burrlab.save_bone(tmp_path / "whole.h5", burrlab.VoxelBone.block((2, 2, 2), 0.1))
+    (tmp_path / "old.stl").touch()
+    for out, options, words in (
+        ("new", (), "--out must end in .hdf5, .stl, .ply, got"),
+        ("old.stl", (), "--out must be a new file"),
+        ("new.stl", (), "bone has no voxel that lost 1 of 255 levels"),
+        ("new.stl", ("--burr", "0"), "--burr goes with --out FILE.hdf5"),
+        ("new.hdf5", ("--left",), "--left goes with --out FILE.stl and FILE.ply"),
+    ):
+        assert words in refusal(capsys, "export", tmp_path / "whole.h5", "--out", tmp_path / out, *options)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["old.stl", "whole.h5"]
+
+
+def box(low, high):
+    """The 12 triangles of a box."""
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))), float)
+    return corners, np.array(scipy.spatial.ConvexHull(corners).simplices)
+
+
+def test_distances_are_exact():
+    """Of a cube and itself half a side farther: on average (1/2 + 1/6 + 4/8) / 6."""
+    cubes = box((0, 0, 0), (1, 1, 1)), box((0.5, 0, 0), (1.5, 1, 1))
+    assert surface_distance(*cubes) == pytest.approx((7 / 36, 0.5, 0.5), rel=1e-3)
+    # a large sheet is nearer than the 12 triangles of a speck above it, whose middles are nearer
+    sheet, speck = box((-5, -5, -1e-9), (5, 5, 0)), box((0, 0, 0.8), (0.01, 0.01, 0.81))
+    both = np.concatenate([sheet[0], speck[0]]), np.concatenate([sheet[1], speck[1] + 8])
+    y, x = np.indices((41, 41)).reshape(2, -1)
+    squares = np.arange(41 * 40).reshape(40, 41)[:, :40].reshape(-1, 1)
+    cover = (
+        np.stack([x / 4 - 5, y / 4 - 5, np.full(41 * 41, 0.3)], 1),
+        np.concatenate([squares + [0, 1, 42], squares + [0, 42, 41]]),
+    )
+    assert surface_distance(both, cover) == pytest.approx((0.3, 0.3, 0.51), abs=1e-6)
+
+
+def test_distances_of_bones():
+    """Of burrs of which one is larger by 0.1 mm."""
+    a, b = drilled(), drilled(radius=1.6)
+    there, back, none = (surface_distance(*two) for two in ((a, b), (b, a), (a, a.copy())))
+    assert there == pytest.approx(back, rel=1e-12)
+    assert none == pytest.approx((0, 0, 0), abs=1e-12)
+    assert 0.05 < there[0] < 0.1
+
+
+def test_surfaces_that_are_refused():
+    bone, cube = burrlab.VoxelBone.block((2, 2, 2), 0.1), box((0, 0, 0), (1, 1, 1))
+    gone = burrlab.VoxelBone(np.zeros((4, 4, 4), np.uint8), 0.1)
+    refused(
+        (lambda: closed_surface(bone), "no voxel that lost 1 of 255 levels; left=True"),
+        (lambda: closed_surface(gone, left=True), "no voxel that has 1 of 255 levels$"),
+        (lambda: closed_surface(bone, left=True, level=0), "level must be from 1 to 255, got 0"),
+        (
+            lambda: closed_surface(drilled(), level=256),
+            "bone has no voxel that lost 256 of 255 levels$",
+        ),
+        (lambda: write_surface("far.stl", cube[0] * 1e-3 + 1e6, cube[1]), "STL cannot hold a surface so far"),
+        *(
+            (lambda mesh=mesh: surface_distance(cube, mesh), "b must be a bone, or finite vertices")
+            for mesh in ((cube[0][:7], cube[1]), (cube[0] * np.nan, cube[1]), (cube[0] * 0, cube[1]))
+        ),
     )

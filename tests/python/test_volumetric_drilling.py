@@ -154,8 +154,8 @@ def test_the_layout_of_today_holds_the_same(made, tmp_path, capsys):
     assert "--out must be a new file" in said(capsys, "export", trace.path, "--out", out, status=2)
     lost = said(capsys, "export", trace.path, "--out", f"{out}.new", "--json", trace.path, status=2)
     assert f"--json: {trace.path} is read, and would be lost" in lost
-    said(capsys, "export", trace.path, "--out", f"{out}.old", "--old")
-    with h5py.File(f"{out}.old") as file:
+    said(capsys, "export", trace.path, "--out", f"{out}.old.hdf5", "--old")
+    with h5py.File(f"{out}.old.hdf5") as file:
         assert set(flat(file)) == set(wanted)
 
 

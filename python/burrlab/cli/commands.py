@@ -34,6 +34,7 @@ from burrlab.cli.options import (
     spacing,
     vector,
     whole,
+    whole_number,
 )
 from burrlab.common.check import refuse
 
@@ -494,13 +495,19 @@ COMMANDS = {
         WATCH,
         *OUTPUT,
     )),
-    "export": Command("session", "Write a trace as volumetric_drilling records a session (.hdf5), or a bone for C++ "
-            "programs (.burr).", (
-        option("file", "a trace; for .burr also a bone that was kept, instead of --volume and --labels",
-            metavar="FILE", nargs="?"),
-        option("--out", "a new file", required=True, metavar="FILE.hdf5|.burr"),
-        option("--burr", "that is the drill, default 0", type=whole, metavar="INDEX"),
-        flag("--old", "in the layout of its recordings before 2025"),
+    "export": Command("session", "Write a trace for volumetric_drilling (.hdf5), a cavity as a closed surface (.stl, .ply), "
+            "or a bone for C++ programs (.burr).", (
+        option("file", "a trace; for a surface or .burr also a bone that was kept (.h5, .burr, or a half-drilled volume); "
+            "for .burr instead of --volume and --labels", metavar="FILE", nargs="?"),
+        option("--out", "a new file, whose ending says what is written: .hdf5 as volumetric_drilling records a session, "
+                        ".stl or .ply the surface of what was removed [mm], .burr a flat file", required=True, metavar="FILE"),
+        option("--burr", "that is the drill in .hdf5, default 0", type=whole, metavar="INDEX"),
+        flag("--old", ".hdf5 in the layout of recordings before 2025"),
+        flag("--left", "the surface of what is left"),
+        option(
+            "--level", "of 255 that a voxel at the surface lost, or has left; default where the volume is the voxels', "
+                       "about 128", type=whole_number("from 1 to 255", 1, 255), metavar="LEVEL",
+        ),
         _UNTIL,
         option("--voxel", "of a volume's bone [mm], default its own", type=positive),
         VOLUME,

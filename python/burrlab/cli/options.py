@@ -257,13 +257,13 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
         writable = folder.is_dir() and os.access(folder, os.W_OK)
         # slices are saved as a folder
         refuse(not writable or (place.is_dir() and name != "save"), f"--{name}: {path} cannot be written")
-        # No command replaces a trace.
-        refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
+        # No command replaces a trace, no export a file.
+        new = name == "record" or (name, options.command) == ("out", "export")
+        refuse(new and place.exists(), f"--{name} must be a new file, {path} exists")
         other = outputs.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
-        # a bone may be saved in its place; an export checks this itself
-        written_anyway = name == "save" or (name, options.command) == ("out", "export")
-        refuse(not written_anyway and files.count(place) > 1, f"--{name}: {path} is read, and would be lost")
+        # a bone may be saved in its place
+        refuse(name != "save" and files.count(place) > 1, f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import burrlab
 from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
@@ -55,6 +56,7 @@ from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.view.live import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
+from burrlab.view.surface import closed_surface, enclosed_volume, write_surface
 from burrlab.view.web import check_page, serve, warning
 
 
@@ -415,46 +417,81 @@ def do_metrics(options: Options) -> None:
 
 
 def do_export(options: Options) -> None:
+    ending = Path(options.out).suffix.lower()
+    refuse(ending not in _EXPORTS, f"--out must end in {', '.join(_EXPORTS)}, got {options.out}")
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
-    flat = Path(options.out).suffix.lower() == FLAT_ENDING
     of_volume = options.volume is not None or options.labels is not None
     for applies, names, why in (
-        (flat, ("burr", "old"), "goes with --out FILE.hdf5"),
-        (not flat, ("until", "volume", "labels"), f"goes with --out FILE{FLAT_ENDING}"),
+        (ending != ".hdf5", ("burr", "old"), "goes with --out FILE.hdf5"),
+        (ending == ".hdf5", ("until",), "goes with --out FILE.stl, .ply or .burr"),
+        (ending not in (".stl", ".ply"), ("left", "level"), "goes with --out FILE.stl and FILE.ply"),
+        (ending != ".burr", ("volume", "labels"), "goes with --out FILE.burr"),
         (not of_volume, ("map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS), "goes with a volume"),
         (True, PLACE, "is of a descent"),
     ):  # fmt: skip
         refuse_options(options, names, why, applies)
     refuse(
         (options.file is not None) + of_volume != 1,
-        f"export needs one of FILE and, for {FLAT_ENDING}, --volume or --labels",
+        "export needs one of FILE and, for .burr, --volume or --labels",
     )
-    if flat:
-        _export_bone(options, of_volume=of_volume)
-    else:
-        export_volumetric_drilling(
-            burrlab.load_trace(options.file), options.out, burr=options.burr or 0, layout="old" if options.old else "new",
-            progress=on_terminal(),
-        )  # fmt: skip
+    written, text = _EXPORTS[ending](options)
     source = options.file or options.volume or options.labels
-    deliver(options, {"file": source, "written": options.out}, f"written {options.out}")
+    deliver(options, {"file": source, "written": options.out, **written}, f"written {options.out}{text}")
 
 
-def _export_bone(options: Options, *, of_volume: bool) -> None:
-    """Writes the bone of a file, of a trace after some of its ticks, or of a volume, as a flat file."""
+def _export_recording(options: Options) -> tuple[dict[str, Any], str]:
+    export_volumetric_drilling(
+        burrlab.load_trace(options.file), options.out, burr=options.burr or 0,
+        layout="old" if options.old else "new", progress=on_terminal(),
+    )  # fmt: skip
+    return {}, ""
+
+
+def _bone_to_export(options: Options) -> tuple[VoxelBone, int, str, NDArray[np.float64]]:
+    """The bone of a file, of a trace after some of its ticks, or of a volume; its ticks, source and axes."""
     try:
-        trace = None if of_volume else burrlab.load_trace(options.file)
+        trace = None if options.file is None else burrlab.load_trace(options.file)
     except (ValueError, IsADirectoryError) as error:
         if isinstance(error, ValueError) and "is not a burrlab trace" not in str(error):
             raise
         trace = None
     if trace is not None:
         again = burrlab.replay(trace, until=options.until, progress=on_terminal())
-        refuse(not again.equal, f"the trace replays otherwise than recorded: {again.difference}")
-        return save_bone(options.out, again.bone, again.tick, source=trace.source)
+        refuse(not again.equal, f"{options.file} replays otherwise than recorded: {again.difference}")
+        return again.bone, again.tick, trace.source, np.eye(3)
     refuse_options(options, ("until",), "goes with a trace")
-    recipe = chosen_recipe(options, materials["bone"]) if of_volume else DrilledRecipe(options.file)
+    kept = None if options.file is None else DrilledRecipe(options.file)
+    recipe = kept or chosen_recipe(options, materials["bone"])
     assert recipe is not None
     say_notes(recipe)
     source = json.dumps({**recipe.plain(), "notes": list(recipe.notes())})
-    save_bone(options.out, recipe.bone(), getattr(recipe, "tick", 0), source=source)
+    of_image = kept is not None and not options.file.lower().endswith((".h5", ".hdf5", FLAT_ENDING))
+    axes = kept.grid().direction if kept and of_image else np.eye(3)
+    return recipe.bone(), getattr(recipe, "tick", 0), source, axes
+
+
+def _export_bone(options: Options) -> tuple[dict[str, Any], str]:
+    bone, tick, source, _ = _bone_to_export(options)
+    save_bone(options.out, bone, tick, source=source)
+    return {}, ""
+
+
+def _export_surface(options: Options) -> tuple[dict[str, Any], str]:
+    bone, _, _, axes = _bone_to_export(options)
+    whole, verb = (bone.mass, "hold") if options.left else (bone.removed, "lost")
+    vertices, faces = closed_surface(bone, left=options.left, level=options.level)
+    inside = enclosed_volume(vertices - vertices[0], faces)
+    # of a mirror image the triangles turn the other way
+    write_surface(options.out, vertices @ axes.T, faces[:, :: int(np.linalg.det(axes).round())])
+    return {"triangles": len(faces), "volume_mm3": inside, "voxels_mm3": whole}, (
+        f": {len(faces)} triangles around {inside:.6g} mm^3; the voxels {verb} {whole:.6g} mm^3 ({inside / whole - 1:+.1%})"
+    )
+
+
+#: What an export writes, by the ending of --out.
+_EXPORTS = {
+    ".hdf5": _export_recording,
+    ".stl": _export_surface,
+    ".ply": _export_surface,
+    FLAT_ENDING: _export_bone,
+}

@@ -231,6 +231,6 @@ def test_bones_for_cpp_programs(capsys, tmp_path):
         ([FILES / "flat.burr", "--burr", 1], "--burr goes with --out FILE.hdf5"),
     ):
         assert said in refusal(capsys, "export", *words, *out)
-    assert "--until goes with --out FILE.burr" in refusal(
+    assert "--until goes with --out FILE.stl, .ply or .burr" in refusal(
         capsys, "export", FILES / "flat.burr", "--until", 40, "--out", tmp_path / "new.hdf5"
     )

@@ -463,7 +463,8 @@ def _bone_to_export(options: Options) -> tuple[VoxelBone, int, str, NDArray[np.f
     kept = None if options.file is None else DrilledRecipe(options.file)
     recipe = kept or chosen_recipe(options, materials["bone"])
     assert recipe is not None
-    say_notes(recipe)
+    if kept is None:
+        say_notes(recipe)
     source = json.dumps({**recipe.plain(), "notes": list(recipe.notes())})
     of_image = kept is not None and not options.file.lower().endswith((".h5", ".hdf5", FLAT_ENDING))
     axes = kept.grid().direction if kept and of_image else np.eye(3)

@@ -15,8 +15,8 @@ from label_scenes import write_files
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab import LabelVolume, write_volume
-from burrlab.bone.tissues import read_tissues
+from burrlab import LabelVolume, Material, Tissues, write_volume
+from burrlab.bone.tissues import read_tissues, write_tissues
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -41,6 +41,16 @@ def test_what_the_labels_of_a_file_are(run: Callable[..., str]) -> None:
         "labels.nii.gz"
     )
     assert "facial nerve" in run("labels.nii.gz", "--tissues", "t.csv")
+
+
+def test_the_law_of_a_table_where_it_is_not_the_papers(run: Callable[..., str]) -> None:
+    paper = read_tissues("t.csv")
+    write_tissues("q.csv", Tissues(list(paper), Material("own", c_e=2.0, alpha=0.1, force_exponent=2)))
+    for file in (["q.csv"], ["labels.nii.gz", "--tissues", "q.csv"]):
+        assert "law: parabolic, F ~ h^2" in run(*file).splitlines()
+    assert json.loads(run("q.csv", "--json", "-"))["force_exponent"] == 2
+    assert "law" not in run("t.csv")
+    assert "exponent" not in run("t.csv", "--json", "-")
 
 
 def test_a_template_is_completed_by_hand(run: Callable[..., str]) -> None:

@@ -51,6 +51,8 @@ from burrlab.cli.recipe import (
 )
 from burrlab.common.check import refuse
 from burrlab.common.files import write_text
+from burrlab.common.records import law_of
+from burrlab.theory.continuum import Law
 
 _BLOCK = (30.0, 30.0, 10.0)  # the block of a session without a volume, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
@@ -294,9 +296,9 @@ def template(labels: LabelVolume) -> Tissues:
     return Tissues(rows, bone)
 
 
-def _tissue_rows(file: str | None) -> list[dict[str, Any]]:
+def _tissue_rows(tissues: Tissues | None) -> list[dict[str, Any]]:
     """The tissues of a table, or those known by name."""
-    if file is None:
+    if tissues is None:
         return [
             {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds,
              "synonyms": list(t.synonyms)}
@@ -305,8 +307,13 @@ def _tissue_rows(file: str | None) -> list[dict[str, Any]]:
     return [
         {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e,
          "alpha_per_ms": t.alpha, "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
-        for t in read_tissues(file)
+        for t in tissues
     ]  # fmt: skip
+
+
+def _law_text(tissues: Tissues | None) -> list[str]:
+    """A line on the law of a table, where it is not the paper's."""
+    return [f"law: {Law.of(tissues.material)}"] if tissues and law_of(tissues.material) else []
 
 
 def do_tissues(options: Options) -> None:
@@ -314,9 +321,13 @@ def do_tissues(options: Options) -> None:
         refuse_options(
             options, ("tissues", "template", "spacing", "unit", "unknown", "transpose"), "goes with a file of labels"
         )  # fmt: skip
-        rows = _tissue_rows(options.file)
+        tissues = None if options.file is None else read_tissues(options.file)
+        rows = _tissue_rows(tissues)
+        law = law_of(tissues.material) if tissues else {}
         return deliver(
-            options, ({"file": options.file} if options.file else {}) | {"tissues": rows}, _text(rows)
+            options,
+            ({"file": options.file} if options.file else {}) | law | {"tissues": rows},
+            "\n".join([_text(rows), *_law_text(tissues)]),
         )
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # listed here, refused when a bone is made
@@ -325,7 +336,7 @@ def do_tissues(options: Options) -> None:
         unit=options.unit, transpose=transposed(options, options.file),
     )  # fmt: skip
     label_rows = labels_table(labels, table)
-    lines = [_text(label_rows)]
+    lines = [_text(label_rows), *_law_text(table)]
     if strange := [row for row in label_rows if row["tissue"] is None]:
         lines.append(
             f"{len(strange)} of {len(label_rows)} labels are no known tissue: they need a table (--template, "

@@ -200,9 +200,9 @@ void test_log() {
 }
 
 /// A session on a virtual clock: thousands of ticks in a moment, through a socket.
-void test_replica_follows() {
-  const auto executor = std::make_shared<TickExecutor>(
-      scenes::block(), scenes::executor(scenes::block(), scenes::bone_material).setup());
+void test_replica_follows(const Material& material, std::uint32_t version) {
+  const auto executor =
+      std::make_shared<TickExecutor>(scenes::block(), scenes::executor(scenes::block(), material).setup());
   LoopSettings settings;
   settings.wall_clock = false;
   settings.ticks = 3000;
@@ -213,6 +213,7 @@ void test_replica_follows() {
   follower.add(publisher);
   Replica replica("127.0.0.1", publisher->port());
   CHECK(replica.fetch_hello(5.0));
+  CHECK(replica.hello().version == version);
   CHECK_THROWS(replica.start(nullptr, executor->setup()), "bone must be a VoxelBone, got None");
   replica.start(scenes::block(), executor->setup());
   loop->start();
@@ -246,6 +247,8 @@ int main() {
   test_bricks_that_cannot_be();
   test_random_bytes();
   test_log();
-  test_replica_follows();
+  test_replica_follows(scenes::bone_material, 2);
+  for (const double q : {1.5, 2.0})  // with m, with q
+    test_replica_follows(Material("bone", 2.145, 0.087, Shape::parabolic(), "", q, 2.0 - q), 3);
   return check::report();
 }

@@ -9,8 +9,9 @@
 
 namespace burrlab::replica_protocol {
 
-constexpr std::uint32_t version = 2;              ///< 2: with orientation and buttons
-constexpr std::size_t digest_digits = 32;         ///< hexadecimal digits of a bone's digest
+constexpr std::uint32_t version = 2;       ///< 2: with orientation and buttons
+constexpr std::uint32_t law_version = 3;   ///< of a hello whose tools have another law than the paper's
+constexpr std::size_t digest_digits = 32;  ///< hexadecimal digits of a bone's digest
 constexpr std::size_t brick_bytes = 4 + 2 * 512;  ///< number, q, p
 constexpr std::size_t bricks_a_message = 60;
 constexpr std::size_t longest_text = 900000;             ///< of a hello [bytes]

@@ -29,6 +29,15 @@ std::uint64_t random_number() {
     if (const std::uint64_t number = (std::uint64_t(device()) << 32) | device()) return number;
 }
 
+/// The number that makes a replica refuse which passes over exponents, as it would carve another bone.
+std::uint32_t protocol_of(const std::vector<Tool>& tools) {
+  const bool paper = std::all_of(tools.begin(), tools.end(), [](const Tool& tool) {
+    return tool.material.force_exponent == Material::paper_force_exponent &&
+           tool.material.rate_exponent == 0.0;
+  });
+  return paper ? replica_protocol::version : replica_protocol::law_version;
+}
+
 TickLog log_for(const PublishedSession& session) {
   const double ticks = std::ceil(session.settings.log * 1e3 / session.period);
   if (!(ticks <= 2e6)) refuse("ticks of the log", "at most 2000000", ticks);
@@ -40,8 +49,8 @@ TickLog log_for(const PublishedSession& session) {
 
 ReplicaService::ReplicaService(PublishedSession& session, const FollowedBone& bone)
     : session_(session),
-      hello_{replica_protocol::version, random_number(), session.status.tick, bone.initial_digest().text(),
-             session.settings.hello},
+      hello_{protocol_of(bone.executor().setup().tools), random_number(), session.status.tick,
+             bone.initial_digest().text(), session.settings.hello},
       log_(log_for(session)),
       digest_tick_(session.status.tick) {}
 

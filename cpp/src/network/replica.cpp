@@ -57,9 +57,9 @@ bool Replica::fetch_hello(double timeout) {
 void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
                     std::shared_ptr<AnatomyWatch> watch) {
   const std::lock_guard<std::mutex> life(life_mutex_);
-  if (started_) throw std::invalid_argument("replica must be started once: it has been");
-  if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
-  if (hello_.session == 0) throw std::invalid_argument("hello must be fetched before the replica is started");
+  if (started_) throw InvalidArgument("replica must be started once: it has been");
+  if (!bone) throw InvalidArgument("bone must be a VoxelBone, got None");
+  if (hello_.session == 0) throw InvalidArgument("hello must be fetched before the replica is started");
   if (hello_.version != replica_protocol::version && hello_.version != replica_protocol::law_version)
     refuse("version of the leader's protocol", "2 or 3", hello_.version);
   auto followed = std::make_unique<FollowedBone>(bone, setup, hello_.first_tick);

@@ -1,6 +1,6 @@
 """The library as programs in C++ and C use it: configured without Python, installed, found and linked.
 
-Debian: ``apt-get install g++ clang libeigen3-dev pkg-config``; then ``pytest -m slow tests/python/test_library.py``.
+Debian: ``apt-get install g++ clang clang-tidy pkg-config``; then ``pytest -m slow tests/python/test_library.py``.
 """
 
 import ctypes
@@ -101,6 +101,18 @@ def test_headers_alone(installed, tools):
         for header in headers:
             run(tools, compiler, f"-std={standard}", *strict, "-I", prefix / "include", "-isystem", EIGEN / "include/eigen3",
                 "-x", "c++", "-", input=f"#include <{header.relative_to(prefix / 'include')}>\n")  # fmt: skip
+
+
+@pytest.mark.skipif(not shutil.which("clang-tidy"), reason="clang-tidy is needed")
+def test_headers_are_tidy(tmp_path):
+    headers = ROOT / "cpp/include"
+    names = [f"#include <{header.relative_to(headers)}>\n" for header in sorted(headers.rglob("*.h*"))]
+    (tmp_path / "all.cpp").write_text("".join(names))
+    found = subprocess.run(
+        ["clang-tidy", "--checks=-*,bugprone-*,performance-*", "--header-filter=.*burrlab.*", tmp_path / "all.cpp", "--",
+         "-std=c++17", f"-I{headers}", "-isystem", EIGEN / "include/eigen3"], check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    assert "warning:" not in found.stdout
 
 
 def test_only_public_symbols_are_visible(installed, tools):

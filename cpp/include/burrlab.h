@@ -12,9 +12,10 @@
  * (z, y, x) with x fastest, one byte a voxel: 0 is empty, 255 solid bone. Vectors are (x, y, z).
  *
  * Handles are independent of each other: there is no global state. A handle serves one thread at a time; a
- * burr and a view of the same bone may work in two threads at once. Two burrs of a bone, or a burr and any
- * function burrlab_bone_..., must not: the later call is refused, and nothing waits. A bone's handle may be
- * destroyed before its burrs and views.
+ * burr and a view of the same bone may work in two threads at once. Two burrs of a bone, or a burr and a
+ * function that reads or changes the bone's levels, must not: the later call is refused, and nothing waits. A
+ * bone's handle may be destroyed before its burrs and views. A text of an error is valid until the handle's
+ * next call.
  *
  * `size` of a struct is its sizeof in the caller's program: a later version may add members at the end, and
  * then goes on to accept this one. Texts are UTF-8. Functions use the C calling convention (__cdecl on
@@ -35,10 +36,10 @@
 #define BURRLAB_FUNCTION(type) __declspec(dllexport) type BURRLAB_CALL
 #elif defined(_WIN32) && defined(BURRLAB_SHARED)
 #define BURRLAB_FUNCTION(type) __declspec(dllimport) type BURRLAB_CALL
-#elif defined(_WIN32)
-#define BURRLAB_FUNCTION(type) type BURRLAB_CALL
-#else
+#elif defined(BURRLAB_SHARED)
 #define BURRLAB_FUNCTION(type) __attribute__((visibility("default"))) type BURRLAB_CALL
+#else
+#define BURRLAB_FUNCTION(type) type BURRLAB_CALL
 #endif
 
 #ifdef __cplusplus
@@ -134,7 +135,8 @@ BURRLAB_FUNCTION(int) burrlab_bone_digest(burrlab_bone* bone, char digest[33]); 
 /* Fills all but `size` and `radius`: constants of a material of the paper ("bone", "pettigrew", "pvc",
  * "expert"), a host in metres in the bone's axes, ticks of at most 1 ms. */
 BURRLAB_FUNCTION(int) burrlab_burr_defaults(burrlab_burr_settings* settings, const char* material);
-/* Null if it cannot be made; the bone's error text says why. */
+/* In a bone with tissues the constants are those of the tissues: c_e, alpha, exponents and shape here are not
+ * read. Null if it cannot be made; the bone's error text says why. */
 BURRLAB_FUNCTION(burrlab_burr*)
 burrlab_burr_create(burrlab_bone* bone, const burrlab_burr_settings* settings);
 BURRLAB_FUNCTION(void) burrlab_burr_destroy(burrlab_burr* burr);
@@ -144,8 +146,9 @@ BURRLAB_FUNCTION(int) burrlab_burr_step(burrlab_burr* burr, const burrlab_motion
 /* The next step begins at its own end, with this tick's number: after a jump, a reset or an undo. */
 BURRLAB_FUNCTION(int) burrlab_burr_lift(burrlab_burr* burr, uint64_t tick);
 
-/* A view of the bone's changes, in any thread, also while a burr steps: no step waits or fails for it. Null
- * if it cannot be made; the bone's error text says why. */
+/* A view of the bone's changes, made by the thread that has the bone's handle, also while a burr steps in
+ * another. Then any thread may use it: no step waits or fails for it. Null if it cannot be made; the bone's
+ * error text says why. */
 BURRLAB_FUNCTION(burrlab_view*) burrlab_view_create(burrlab_bone* bone);
 BURRLAB_FUNCTION(void) burrlab_view_destroy(burrlab_view* view);
 BURRLAB_FUNCTION(const char*) burrlab_view_error(const burrlab_view* view);

@@ -186,8 +186,11 @@ burrlab_burr* burrlab_burr_create(burrlab_bone* bone, const burrlab_burr_setting
   return handle_of(bone->error, [&] {
     check_struct(settings, "settings");
     const burrlab_burr_settings& s = *settings;
-    const Material material("host's", s.c_e, s.alpha, Shape::parse(not_null(s.shape, "shape")), "",
-                            s.force_exponent, s.rate_exponent);
+    const auto& tissues = bone->bone->tissues();
+    const Material material =
+        tissues ? tissues->table().material()
+                : Material("host's", s.c_e, s.alpha, Shape::parse(not_null(s.shape, "shape")), "",
+                           s.force_exponent, s.rate_exponent);
     HostSettings host;
     std::copy(s.to_bone, s.to_bone + 12, host.to_bone.begin());
     host.longest_tick = s.longest_tick;

@@ -83,7 +83,13 @@ std::ofstream create(const Path& path, const VoxelBone& bone, std::uint64_t tick
   file << magic << text.size() << ' ' << checksum(text.data(), text.size()) << '\n' << text;
   for (const Levels& part : parts)
     file.write(reinterpret_cast<const char*>(part.data()), std::streamsize(part.size()));
-  require_good(file.flush(), path);
+  if (file.flush()) return file;
+  const int reason = errno;
+  std::error_code ignored;
+  file.close();
+  std::filesystem::remove(path, ignored);  // a part would stand in the way of the next try
+  errno = reason;
+  require_good(file, path);
   return file;
 }
 
@@ -175,7 +181,9 @@ VoxelBone read_bone(const Path& path, std::uint64_t* tick, std::string* source) 
 
 FlatTrace::FlatTrace(const Path& path, std::shared_ptr<const TickExecutor> executor,
                      const std::string& source)
-    : path_(path), executor_(std::move(executor)), next_(executor_->tick()) {
+    : path_(path),
+      executor_(executor ? std::move(executor) : throw InvalidArgument("executor must not be null")),
+      next_(executor_->tick()) {
   const std::uint16_t number = 1;
   if (!*reinterpret_cast<const char*>(&number))
     throw InvalidArgument("a flat file of a session needs a little-endian machine");

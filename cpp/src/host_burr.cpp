@@ -1,6 +1,7 @@
 #include "burrlab/host_burr.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "require.hpp"
@@ -36,6 +37,7 @@ HostBurr::HostBurr(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Mate
 }
 
 Vec3 HostBurr::to_bone(const Vec3& position) const {
+  const StandardArithmetic arithmetic;
   const auto& m = settings_.to_bone;
   Vec3 out;
   for (std::size_t i = 0; i < 3; ++i)
@@ -45,6 +47,7 @@ Vec3 HostBurr::to_bone(const Vec3& position) const {
 }
 
 Vec3 HostBurr::turned_to_host(const Vec3& direction) const {
+  const StandardArithmetic arithmetic;
   Vec3 out = Vec3::Zero();
   for (std::size_t i = 0; i < 12; ++i)
     if (i % 4 < 3) out[Eigen::Index(i % 4)] += settings_.to_bone[i] / scale_ * direction[Eigen::Index(i / 4)];
@@ -52,6 +55,7 @@ Vec3 HostBurr::turned_to_host(const Vec3& direction) const {
 }
 
 Vec3 HostBurr::to_host(const Vec3& position) const {
+  const StandardArithmetic arithmetic;
   const auto& m = settings_.to_bone;
   return turned_to_host(position - Vec3(m[3], m[7], m[11])) / scale_;
 }
@@ -64,7 +68,7 @@ HostForce HostBurr::step(const Vec3& center, double dt, bool on, const Vec3& ref
   require_finite("center", end);
   const VoxelBone::Changing changing(*contact_.bone());
   HostForce feel;
-  feel.ticks = int(std::ceil(dt / settings_.longest_tick - 1e-9));
+  feel.ticks = std::max(1, int(std::ceil(dt / settings_.longest_tick - 1e-9)));
   const ErosionSteps* steps = on ? &contact_.steps_of(dt / feel.ticks) : nullptr;
   const Vec3 way = lifted_ ? Vec3(Vec3::Zero()) : Vec3(end - center_);
   for (int i = 1; i <= feel.ticks; ++i) {

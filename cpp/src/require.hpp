@@ -11,6 +11,7 @@ namespace burrlab {
 
 [[noreturn]] inline void refuse(const std::string& name, const std::string& rule, double value) {
   std::ostringstream text;
+  text.imbue(std::locale::classic());
   text.precision(12);
   text << name << " must be " << rule << ", got " << value;
   throw InvalidArgument(text.str());

@@ -234,8 +234,10 @@ void VoxelBone::set_box(const Index3& start, const Index3& shape, const std::uin
       if (pristine_too) std::memcpy(pristine + in_tile, levels + in_box, length);
       std::memcpy(density + in_tile, levels + in_box, length);
     });
-    set_tile(brick, density);
-    update_brick(at, brick, pristine);
+    if (pristine_too || std::memcmp(density, tile(brick), brick_voxels) != 0) {
+      set_tile(brick, density);
+      update_brick(at, brick, pristine);
+    }
     count_tissues(brick, 1);
   });
 }

@@ -72,6 +72,7 @@ void check_steps() {
   for (const double dt : {0.2, 3.3, 1.0, 16.6, 1000.0})
     CHECK(slow.step(center(401), dt, true).ticks == std::ceil(dt));
   CHECK(allocations == before);
+  CHECK(slow.step(1e3 * center(0), 1e-10, false).ticks == 1 && slow.last().magnitude == 0.0);
   const std::uint64_t tick = slow.contact().tick;
   const auto refused = [&](const Vec3& at, double dt, const char* why) {
     const HostForce feel = slow.step(at, dt, true);

@@ -205,3 +205,11 @@ def test_ticks_by_ctypes(installed, ticks):
     assert (digest.value.decode(), total) == ticks
     library.burrlab_burr_destroy(burr)
     library.burrlab_bone_destroy(bone)
+    flat = str(ROOT / "tests/golden/files/flat.burr").encode()  # with tissues, whose constants count
+    library.burrlab_bone_open.restype = ctypes.c_void_p
+    bone = ctypes.c_void_p(library.burrlab_bone_open(flat, None, 0))
+    settings.radius, settings.c_e = 1.0, 99.0
+    burr = ctypes.c_void_p(library.burrlab_burr_create(bone, ctypes.byref(settings)))
+    assert burr.value
+    library.burrlab_burr_destroy(burr)
+    library.burrlab_bone_destroy(bone)

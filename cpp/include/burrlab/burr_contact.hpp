@@ -47,8 +47,9 @@ struct HeldDescent {
   bool reached = false;          ///< the burr came to the end of its travel
 };
 
-/// One thread at a time steps the burrs of a bone; a contact keeps its bone. A tick allocates nothing and
-/// waits for nothing; where dt differs from the last one's, it makes new constants first.
+/// One thread at a time steps the burrs of a bone; a contact keeps its bone, which nobody may
+/// assign to. A tick allocates nothing and waits for nothing; where dt differs from the last one's, it makes new
+/// constants first.
 class BURRLAB_API BurrContact {
  public:
   /// `index`: burrs on one bone have different ones, and so different random numbers. Throws InvalidArgument

@@ -11,18 +11,19 @@
 #include <string>
 #include <system_error>
 
-// Symbols are hidden but for those with this mark. A shared library for Windows is built and used with
-// BURRLAB_SHARED, which the CMake target sets.
+// Symbols are hidden but for those with this mark, in a shared library, which is built and used with
+// BURRLAB_SHARED: the CMake target and pkg-config set it. A plug-in with the static library shows none of
+// them.
 #if defined(_WIN32) && defined(BURRLAB_SHARED)
 #ifdef burrlab_EXPORTS
 #define BURRLAB_API __declspec(dllexport)
 #else
 #define BURRLAB_API __declspec(dllimport)
 #endif
-#elif defined(_WIN32)
-#define BURRLAB_API
-#else
+#elif defined(BURRLAB_SHARED)
 #define BURRLAB_API __attribute__((visibility("default")))
+#else
+#define BURRLAB_API
 #endif
 
 namespace burrlab {

@@ -37,7 +37,7 @@ void set(std::array<double, 3>& to, const Vec3& from) { to = {from[0], from[1], 
 
 HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        const LoopSettings& settings)
-    : executor_(std::move(executor)),
+    : executor_(executor ? std::move(executor) : throw InvalidArgument("executor must not be null")),
       devices_(std::move(devices)),
       settings_(settings),
       period_(to_nanoseconds(executor_->setup().period)),
@@ -90,8 +90,15 @@ void HapticLoop::start() {
     while (heartbeat_.load(std::memory_order_acquire) == 0)
       std::this_thread::sleep_for(std::chrono::microseconds(100));
     if (settings_.wall_clock) watchdog_ = std::thread([this] { watch(); });
-  } catch (const std::exception& error) {  // from a device, or a system that gives no thread
-    end(std::string("the loop could not be started: ") + error.what(), true);
+  } catch (...) {  // from a device, or a system that gives no thread
+    std::string why = "a device threw";
+    try {
+      throw;
+    } catch (const std::exception& error) {
+      why = error.what();
+    } catch (...) {
+    }
+    end("the loop could not be started: " + why, true);
     if (!thread_.joinable()) {
       stop_devices();
       changing_.reset();

@@ -56,7 +56,8 @@ struct LoopSettings {
   double stop_force = std::numeric_limits<double>::infinity();  ///< the session ends when it is wanted [N]
   std::uint32_t stop_buttons = 0;                               ///< bits of buttons that end the session
   /// Called by the loop's thread, before its first tick with what the system granted, a sentence each, and
-  /// after the last with why it ended. It must not throw.
+  /// after the last with why it ended. It must not throw, call the loop, or
+  /// wait for a thread that starts or stops it.
   std::function<void(const std::string&)> message{};
 };
 

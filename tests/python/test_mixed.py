@@ -694,6 +694,9 @@ def curve(**labels):
     return VelocityCurve([1.0, 2.0, 3.0], [0.1, 0.4, 0.9], radius=3.0, **labels)
 
 
+SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=3.0, specimen=[2])
+
+
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
@@ -724,6 +727,7 @@ def curve(**labels):
         (lambda: burrlab.fit(curve(), known=2.0), TypeError, "known must be a dict"),
         (lambda: burrlab.fit(curve(), estimate=("surface",), engine="voxel"), ValueError, "takes offsets of force alone: got surface"),
         (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' or 'sigma' with groups"),
+        (lambda: burrlab.fit([curve(specimen=[1, 1, 2]), SLOW]), ValueError, "too slow go without groups, offsets and known values: leave out"),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, text):

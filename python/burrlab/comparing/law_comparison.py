@@ -35,7 +35,8 @@ _MANY = 3.0  # velocities that are off by a larger factor are left out of the fi
 _MEANS = {
     "s": "Velocities determine s = 2 (k + 1)/q + m, with v ~ F^s at small forces",
     "q": "The stopped burr determines q of F ~ h^q",
-    "m": "With f = {shape}, m of the rate ~ F^m is",
+    "m": "With f = {law.shape}, m of the rate ~ F^m is",
+    "k": "With m = {law.rate_exponent:.3g}, k of f = (1 - x^2)^k is",
 }
 
 
@@ -46,7 +47,7 @@ class Exponent:
     Attributes
     ----------
     name : str
-        ``"s"`` of v ~ F^s, ``"q"`` of F ~ h^q, ``"m"`` of the rate ~ F^m.
+        ``"s"`` of v ~ F^s, ``"q"`` of F ~ h^q, ``"m"`` of the rate ~ F^m, ``"k"`` of f = (1 - x^2)^k.
     value : float
     intervals : mapping
         Level ``68``, ``95``, ``99.7`` -> Interval; None is open.
@@ -149,9 +150,9 @@ class LawComparison(Tabulated):
     rows : tuple of LawRow
         Laws that the data do not contradict, by AIC; then the others.
     exponents : mapping
-        ``"s"``; with an indentation of three depths ``"q"`` and ``"m"``.
-    shape : str
-        The f that m holds for.
+        ``"s"``; with an indentation of three depths ``"q"``, ``"m"`` and ``"k"``.
+    law : Law
+        The best with constants: m holds for its f, k for its m.
     level : float
         Of the tests.
     residual_kind : str
@@ -163,7 +164,7 @@ class LawComparison(Tabulated):
 
     rows: tuple[LawRow, ...]
     exponents: Mapping[str, Exponent]
-    shape: str
+    law: Law
     level: float
     residual_kind: str
     observations: Observations
@@ -198,10 +199,15 @@ class LawComparison(Tabulated):
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
-        lines = []
+        lines, several = [], len(np.unique(self.observations.radius)) > 1
         for name, exponent in self.exponents.items():
-            about = _MEANS[name].format(shape=self.shape)
+            about = _MEANS[name].format(law=self.law)
             lines.append(f"{about}: {exponent.value:.3g} ({span(exponent.intervals['95'])}).")
+        if several:
+            lines.append(
+                "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "
+                "about 1 %."
+            )
         if "q" not in self.exponents:
             lines.append("Pressing the stopped burr, four times or more at three depths, would tell q.")
         for row in self.rows:
@@ -210,12 +216,10 @@ class LawComparison(Tabulated):
         close = self.close
         if len(close) > 1:
             names = f"{', '.join(row.name for row in close[:-1])} and {close[-1].name}"
-            lines.append(
-                f"{names[0].upper()}{names[1:]} are not told apart: their AIC lies within {_CLOSE:g}."
-            )
+            lines.append(f"{names} are not told apart: their AIC lies within {_CLOSE:g}.")
         elif close:
             rest = ", ".join(row.name for row in self.left)
-            name = f"{close[0].name[0].upper()}{close[0].name[1:]}"
+            name = close[0].name
             lines.append(
                 f"{name} is preferred by AIC; not contradicted either: {rest}."
                 if rest
@@ -224,13 +228,12 @@ class LawComparison(Tabulated):
         else:
             lines.append("The data contradict every law here.")
         for parting in self.partings:
-            several = len(np.unique(self.observations.radius)) > 1
             radius = f" and R = {parting.radius:g} mm" if several else ""
             lines.append(
                 f"{parting.name} parts most from {self.best.name} at {parting.force:.3g} N{radius} (velocity {parting.ratio:.2f} "
                 f"times): about {parting.runs} more {'run' if parting.runs == 1 else 'runs'} there would tell them apart."
             )
-        return tuple(lines)
+        return tuple(line[0].upper() + line[1:] for line in lines)
 
     def _columns(self) -> dict[str, list[Any]]:
         rows = self.rows
@@ -316,7 +319,7 @@ class LawComparison(Tabulated):
         plain: dict[str, Any] = Codec().plain({
             "rows": [dict(zip(self._columns(), cells, strict=True)) | {"tests": row.tests}
                      for row, cells in zip(self.rows, zip(*self._columns().values(), strict=True), strict=True)],
-            "exponents": exponents, "shape": self.shape, "level": self.level, "residuals": self.residual_kind,
+            "exponents": exponents, "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
             "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
         })  # fmt: skip
         return plain
@@ -333,4 +336,5 @@ _AXES = {
     "s": "$s$ of $v \\sim F^s$ at small forces",
     "q": "$q$ of $F \\sim h^q$",
     "m": "$m$ of the rate $\\sim F^m$",
+    "k": "$k$ of $f = (1 - x^2)^k$",
 }

@@ -108,24 +108,22 @@ class LawLikelihood:
     """
 
     def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
-        o = self.observations = observations
-        runs = np.unique(o.run_number, return_inverse=True)[1]
-        mean = np.equal.outer(np.arange(runs.max() + 1), runs) / np.bincount(runs)[:, None]
-        self.n, self.known, white = len(mean), known, np.eye(len(mean))
-        if known:
-            white = np.diag(mean @ (o.velocity / o.sigma))
+        o, self.known, self._scans = observations, known, dict[tuple[float, str], Scan]()
+        self.observations, self._windows, self._single = o, o.by_window(), np.flatnonzero(o.run < 0)
+        self._runs = [np.flatnonzero(o.run == k) for k in range(int(o.run.max(initial=-1)) + 1)]
+        self.n = len(self._single) + len(self._runs)
+        self._weight = self._means(o.velocity / o.sigma) if known else np.ones(self.n)
         mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
-        if mixed is not None:
-            Z = mixed.linear.columns[0][: self.n, :-3]
-            variance = np.eye(self.n) + (Z * np.concatenate(
-                [np.full(block.stop - block.start, e) for block, e in zip(mixed.linear.blocks, mixed.equations.effect2, strict=True)]
-            )) @ Z.T / mixed.equations.scatter2[0]  # fmt: skip
-            white = np.linalg.inv(np.linalg.cholesky(variance)) @ white
-        self.transform, self._scans = white @ mean, dict[tuple[float, str], Scan]()
-        self.log_velocity = np.log(o.velocity) @ self.transform.T
-        level = self.transform @ np.ones(len(o.force))
-        self._level = level / np.linalg.norm(level)
-        slope = self.transform @ np.log(o.force)
+        columns = np.empty((self.n, 0))
+        if mixed is not None:  # their part of the rows' covariance, over that of the scatter
+            deviations = np.sqrt(mixed.equations.variance[:-2] / mixed.equations.scatter2[0])
+            columns = mixed.linear.columns[0][: self.n, :-3] * deviations
+        self._basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        self._shrink = 1 - 1 / np.sqrt(1 + sizes**2)
+        self.log_velocity = self.whitened(np.log(o.velocity))
+        self.ones, self.log_force = self.whitened(np.ones(len(o.force))), self.whitened(np.log(o.force))
+        self._level = self.ones / np.linalg.norm(self.ones)
+        slope = self.log_force
         slope = slope - self._level * (self._level @ slope)
         self._lever = float(slope @ slope)
         few = len(np.unique(o.force)) < 3
@@ -136,9 +134,18 @@ class LawLikelihood:
         self.freedom = max(self.n - 3 - sum(levels.values()), 1)
         self.pressed_known = known and bool(np.isfinite(o.pressed_sigma).all())
 
+    def whitened(self, rows: Floats) -> Floats:
+        """The runs' means, made independent and of one scatter. Last axis: rows, then runs."""
+        means = self._means(rows) * self._weight
+        return np.asarray(means - (means @ self._basis * self._shrink) @ self._basis.T)
+
+    def _means(self, rows: Floats) -> Floats:
+        means = [rows[..., at].mean(axis=-1, keepdims=True) for at in self._runs]
+        return np.concatenate([rows[..., self._single], *means], axis=-1)
+
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
-        r = self.log_velocity - log_unit @ self.transform.T
+        r = self.log_velocity - self.whitened(log_unit)
         r = r - (r @ self._level)[..., None] * self._level
         best = r @ self._slope
         return r - np.asarray(best if m is None else m)[..., None] * (self._slope * self._lever), best
@@ -148,7 +155,7 @@ class LawLikelihood:
         o = self.observations
         logs = np.empty((len(shapes), len(c_e), len(o.force)))
         log_phi = (np.log(o.force / o.radius**2) - np.log(c_e)[:, None]) * (PAPER_FORCE_EXPONENT / q)
-        for (start, end), rows in o.by_window().items():
+        for (start, end), rows in self._windows.items():
             for k, shape in enumerate(shapes):
                 logs[k][:, rows] = MasterCurve(shape).log_velocity_ratio(log_phi[:, rows], start, end)
         return logs + np.log(PER_SECOND * o.radius)
@@ -175,14 +182,23 @@ class LawLikelihood:
         points = np.unique(np.concatenate([coarse, np.geomspace(*ends, _FINE)]))
         return self._scan(q, shape, np.exp(low + points))
 
-    def _scan(self, q: float, shape: Shape | None, c_e: Floats) -> Scan:
-        log_unit = self.log_unit([member(k) for k in NODES] if shape is None else [shape], q, c_e)
+    def _scan(self, q: float, shape: Shape | None, c_e: Floats, k: Floats = _K) -> Scan:
+        log_unit = self.log_unit([member(node) for node in NODES] if shape is None else [shape], q, c_e)
         if shape is None:
-            log_unit = np.tensordot(_weights(tuple(_K.tolist())), log_unit, axes=1)
-        orders = _K if shape is None else np.array([shape.order])
+            log_unit = np.tensordot(_weights(tuple(k.tolist())), log_unit, axes=1)
+        orders = k if shape is None else np.array([shape.order])
         r, m = self.unexplained(log_unit)
         squares = np.einsum("...i,...i->...", r, r)
         return Scan(q, orders, c_e, squares, m, self._pressed(q, c_e), self.n, self._lever, self.known)
+
+    def over_k(self, scans: Sequence[Scan], m: float, reach: float) -> tuple[Floats, Floats]:
+        """k, close where -2 log L at an m rises by less than `reach`, and the lowest -2 log L of scans there."""
+        coarse = np.min([scan.heights(m).min(axis=1) for scan in scans], axis=0)
+        near = np.flatnonzero(coarse < coarse.min() + reach)
+        k = np.linspace(_K[max(near[0] - 1, 0)], _K[min(near[-1] + 1, len(_K) - 1)], 2 * len(_K) - 1)
+        usable = [scan for scan in scans if np.isfinite(scan.squares).any()]  # that leave c_e some room
+        closer = [self._scan(scan.q, None, scan.c_e, k).heights(m) for scan in usable]
+        return k, np.min([heights.min(axis=1) for heights in closer], axis=0)
 
     def _pressed(self, q: float, c_e: Floats) -> Floats:
         o = replace(self.observations, force_exponent=q)
@@ -236,8 +252,7 @@ class LawLikelihood:
             c_e = float(np.exp(optimum.x))
             log_unit = self.log_unit([law.shape], q, np.array([c_e]))[0, 0]
         r, _ = self.unexplained(log_unit, m)
-        ones = self.transform @ np.ones(len(o.force))
-        rest = self.log_velocity - self.transform @ (log_unit + m * np.log(o.force))
+        rest = self.log_velocity - self.whitened(log_unit) - m * self.log_force
         errors, n_parameters = [(r, self.known)], 1 if law is None else 2
         if len(o.pressed):
             predicted, own = self._predicted_presses(law, c_e)
@@ -252,7 +267,7 @@ class LawLikelihood:
             rows.append(-(residuals**2) / variance - np.log(variance))
             height += float(residuals @ residuals) if is_known else len(residuals) * float(np.log(variance))
         n_parameters += sum(not is_known for _, is_known in errors)
-        log_alpha = float(rest @ self._level / (ones @ self._level))
+        log_alpha = float(rest @ self._level / (self.ones @ self._level))
         scatter = float(np.sqrt(r @ r / max(self.n - 3, 1))) * float(
             np.mean(o.sigma / o.velocity) if self.known else 1.0
         )
@@ -289,8 +304,11 @@ class LawLikelihood:
 
 
 def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]) -> Exponent:
-    """The best exponent and its intervals, from the rise of -2 log L over a grid; an end at the grid's end is open."""
-    best = int(np.argmin(rise))
+    """The best exponent and its intervals, from the rise of -2 log L over a grid.
+
+    An end at the grid's end is open, but that of k at 0, below which there is none.
+    """
+    best, least = int(np.argmin(rise)), 0.0 if name == "k" and grid[0] == 0 else None
     value = float(grid[best])
     if 0 < best < len(grid) - 1:  # the parabola through three points
         a, b, c = rise[best - 1 : best + 2]
@@ -301,7 +319,7 @@ def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]
         ends: list[float | None] = []
         for at, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
             if not 0 <= beyond < len(grid):
-                ends.append(None)
+                ends.append(least if beyond < 0 else None)
                 continue
             part = (limit - (rise[at] - rise[best])) / (rise[beyond] - rise[at])
             ends.append(float(grid[at] + part * (grid[beyond] - grid[at])))
@@ -332,8 +350,9 @@ def _profiled(
     return _exponent(name, grid, rise, limits)
 
 
-def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
-    """s of the velocities, for k of 0 to 3 and q of 1 to 3; and with an indentation q, and m for one shape."""
+def exponents(likelihood: LawLikelihood, law: Law) -> dict[str, Exponent]:
+    """s of the velocities, for k of 0 to 3 and q of 1 to 3; and with an indentation q, and m and k for a law."""
+    shape = law.shape
     limits = {name: likelihood.limit(level) for name, level in LEVELS.items()}
     of_pressed = {name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()}
     found: dict[str, Exponent] = {}
@@ -345,12 +364,14 @@ def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
         held = found["q"].grid[found["q"].rise < max(of_pressed.values())]
         qs = np.linspace(held[0], held[-1], 17).tolist()
         by_q = [likelihood.scan(q, shape) for q in found["q"].grid.tolist()]
-    both = (None, Shape("linear"))  # (1 - x^2)^k, and the shipped shape that is none
-    scans = [likelihood.scan(q, f) for f in both for q in (qs if likelihood.tells_q else _Q)]
-    for step in () if likelihood.tells_q else _CLOSER:  # about the best q, which several radii tell
-        best = min(scans, key=lambda scan: scan.heights().min()).q
-        closer = [q for q in (best + step * np.arange(-4, 5)).tolist() if q >= 1]
-        scans += [likelihood.scan(q, f) for f in both for q in closer]
+    scans: list[Scan] = []
+    others = [f for f in dict.fromkeys([Shape("linear"), shape]) if f != member(f.order)]
+    for f in (None, *others):  # (1 - x^2)^k, the shipped shape that is none, and the law's own
+        of_f = [likelihood.scan(q, f) for q in (qs if likelihood.tells_q else _Q)]
+        for step in () if likelihood.tells_q else _CLOSER:  # about the best q, which several radii tell
+            best = min(of_f, key=lambda scan: scan.heights().min()).q
+            of_f += [likelihood.scan(q, f) for q in (best + step * np.arange(-4, 5)).tolist() if q >= 1]
+        scans += of_f
     best_scan = min(scans, key=lambda scan: scan.heights().min())
     k, c = np.unravel_index(np.argmin(best_scan.heights()), best_scan.squares.shape)
     slope = float(2 * (best_scan.orders[k] + 1) / best_scan.q + best_scan.m[k, c])
@@ -364,7 +385,9 @@ def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
         found["m"] = _profiled(
             "m", (m, 4 * _SIDE * error), lambda m: min(float(x.heights(m).min()) for x in by_q), widest
         )
-    return {name: found[name] for name in ("s", "q", "m") if name in found}
+        of_k = likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values()))
+        found["k"] = _exponent("k", *of_k, widest)
+    return {name: found[name] for name in ("s", "q", "m", "k") if name in found}
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
@@ -395,16 +418,16 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     """v = K F against another slope, a bend, and a power of the radius."""
     o = likelihood.observations
     r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
-    x, ones = likelihood.transform @ np.log(o.force), likelihood.transform @ np.ones(len(o.force))
+    x, ones = likelihood.log_force, likelihood.ones
     columns = {"s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x)}
     columns["bend"] = (
         "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
-        likelihood.transform @ np.log(o.force) ** 2,
+        likelihood.whitened(np.log(o.force) ** 2),
     )
     if len(np.unique(o.radius)) > 1:
         columns["radius"] = (
             "A power of the radius {so} than v ~ F: {outcome}.",
-            likelihood.transform @ np.log(o.radius),
+            likelihood.whitened(np.log(o.radius)),
         )
     tests = []
     for name, (text, column) in columns.items():
@@ -521,9 +544,9 @@ def compare_laws(
             None if contradicted[name] else fits.get(name),
         ))  # fmt: skip
     rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
-    shape = next((row.law.shape for row in rows if row.law), Shape("parabolic"))
+    law = next((row.law for row in rows if row.law), Law())
     return LawComparison(
-        tuple(rows), exponents(likelihood, shape), str(shape), level, residuals, first.observations,
+        tuple(rows), exponents(likelihood, law), law, level, residuals, first.observations,
         _partings(rows, likelihood, points[least]),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip

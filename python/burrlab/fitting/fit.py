@@ -399,7 +399,7 @@ def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed:
     )
     refuse(
         mixed and observations.slow.size,
-        "runs that were too slow go without groups, offsets and known values",
+        "runs that were too slow go without groups, offsets and known values: leave out these, by groups=(), or the runs",
     )
     refuse(
         residuals == "sigma" and not observations.has_sigma,

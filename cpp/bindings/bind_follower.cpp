@@ -3,16 +3,16 @@
 #include "bindings.hpp"
 
 py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
-  const auto n = static_cast<py::ssize_t>(update.bricks.size());
+  const auto n = static_cast<py::ssize_t>(update.changes.bricks.size());
   py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
   for (py::ssize_t i = 0; i < n; ++i) {
-    const Index3 at = bone.place(update.bricks[std::size_t(i)]);
+    const Index3 at = bone.place(update.changes.bricks[std::size_t(i)]);
     std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
   }
   py::object newest = py::none();
   if (update.newest) newest = to_array(&*update.newest, {1})[py::int_(0)];
   return py::dict("tick"_a = update.tick, "newest"_a = newest, "bricks"_a = bricks,
-                  "density"_a = to_array(update.density.data(), {n, 8, 8, 8}));
+                  "density"_a = to_array(update.changes.levels.data(), {n, 8, 8, 8}));
 }
 
 static py::list digests(const Follower& follower, std::size_t known) {
@@ -23,8 +23,7 @@ static py::list digests(const Follower& follower, std::size_t known) {
 }
 
 void bind_follower(py::module_& m) {
-  py::class_<UnseenBricks, std::shared_ptr<UnseenBricks>>(m, "BoneView",
-                                                          "The changes one consumer has not seen yet.");
+  py::class_<BoneView>(m, "BoneView", "The changes one consumer has not seen yet.");
   const FollowerSettings defaults;
   py::class_<Follower, std::shared_ptr<Follower>>(
       m, "Follower",
@@ -78,10 +77,10 @@ void bind_follower(py::module_& m) {
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the present bone.")
       .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks executed on it)")
-      .def("view", &Follower::view, py::keep_alive<0, 1>(), "A view for a new consumer, for `take`.")
+      .def("view", &Follower::view, "A view for a new consumer, for `take`.")
       .def(
           "take",
-          [](Follower& f, UnseenBricks& view) {
+          [](Follower& f, BoneView& view) {
             return to_dict(without_gil([&] { return f.take_changed(view); }), f.bone());
           },
           "view"_a,

@@ -18,6 +18,10 @@ void BoneView::update(Changes& changes) {
   changes.bricks.clear();
   changes.levels.clear();
   for (auto* places : {&changes.places, &changes.opened, &changes.filled}) places->clear();
+  read_all(&changes);
+}
+
+void BoneView::read_all(Changes* changes) {
   for (std::size_t group = 0; group < seen_group_.size(); ++group) {
     const std::uint64_t count = versions_->group[group].load(std::memory_order_acquire);
     if (count == seen_group_[group]) continue;
@@ -29,8 +33,8 @@ void BoneView::update(Changes& changes) {
   }
 }
 
-// Adds a brick if it changed. Returns false if it was being written in every try.
-bool BoneView::read(std::size_t brick, Changes& changes) {
+// Adds a brick if it changed; null: passes over it. Returns false if it was being written in every try.
+bool BoneView::read(std::size_t brick, Changes* changes) {
   const std::atomic<std::uint32_t>& version = versions_->brick[brick];
   alignas(64) std::uint8_t levels[brick_voxels];
   std::uint32_t before = 0;
@@ -49,17 +53,19 @@ bool BoneView::read(std::size_t brick, Changes& changes) {
 
   const Index3 at = place_in(bricks_, std::int64_t(brick));
   const Index3 first{brick_side * at[0], brick_side * at[1], brick_side * at[2]};
-  changes.bricks.push_back(std::uint32_t(brick));
-  changes.places.push_back(first);
-  changes.levels.insert(changes.levels.end(), levels, levels + brick_voxels);
+  if (changes) {
+    changes->bricks.push_back(std::uint32_t(brick));
+    changes->places.push_back(first);
+    changes->levels.insert(changes->levels.end(), levels, levels + brick_voxels);
+  }
   for (int row = 0; row < 64; ++row) {
     unsigned now = 0;
     for (int x = 0; x < 8; ++x) now |= unsigned(levels[8 * row + x] >= solid_level) << x;
     std::uint8_t& solid = solid_[64 * brick + std::size_t(row)];
-    const unsigned differing = known ? now ^ solid : 0;
+    const unsigned differing = known && changes ? now ^ solid : 0;
     for (int x = 0; differing >> x; ++x)
       if (differing >> x & 1)
-        (now >> x & 1 ? changes.filled : changes.opened)
+        (now >> x & 1 ? changes->filled : changes->opened)
             .push_back({first[0] + row / 8, first[1] + row % 8, first[2] + x});
     solid = static_cast<std::uint8_t>(now);
   }

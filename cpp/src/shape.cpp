@@ -175,14 +175,12 @@ Shape::Shape(Kind kind, double order)
     : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
 
 double Shape::at_depth(double delta) const {
-  const StandardArithmetic arithmetic;
   if (kind_ == Kind::constant) return 1.0;
   if (kind_ == Kind::table) return order_ == 0.0 ? table_->at(delta) : to_order(table_->at(delta));
   return to_order(kind_ == Kind::linear ? delta : delta * (2.0 - delta));
 }
 
 double Shape::at_radius(double x) const {
-  const StandardArithmetic arithmetic;
   if (x > 1.0) return 0.0;
   if (kind_ == Kind::constant || kind_ == Kind::table) return at_depth(1.0 - x);
   return to_order(1.0 - (kind_ == Kind::linear ? x : x * x));

@@ -13,6 +13,7 @@ int main() {
   const Index3 shape = bone->shape();
   std::vector<std::uint8_t> picture(bone->density());  // (z, y, x), as a texture
   BoneView view(*bone);
+  view.skip();  // the picture has the bone as it is
   BoneView::Changes changes;
 
   std::atomic<bool> done{false};

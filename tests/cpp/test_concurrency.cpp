@@ -129,11 +129,20 @@ void check_unfinished_brick() {
   ViewedCopy copy(*bone);
   std::uint8_t* tile = bone->open(0);
   CHECK(copy.update() == int(bone->brick_count()) - 1);
+  BoneView later(*bone);
+  later.skip();
+  CHECK(later.shows(*bone) && !later.shows(some_bone()));
   bone->close({0, 0, 0}, 0, sum_brick(tile), nullptr);
   CHECK(copy.update() == 1 && copy.levels == bone->density());
   bone->open(0);
   bone->close({0, 0, 0}, 0, sum_brick(tile), nullptr);
   CHECK(copy.update() == 0);
+  later.update(copy.changes);  // of the brick that was being written all is new
+  CHECK(copy.changes.bricks == std::vector<std::uint32_t>{0} && copy.changes.opened.empty());
+  const std::uint8_t empty = 0;
+  bone->write({0, 1, 1}, {1, 1, 1}, &empty);
+  later.update(copy.changes);
+  CHECK(copy.changes.bricks.size() == 1 && copy.changes.opened.size() == 1);
   const VoxelBone::Levels last(bone->density().size(), 0);
   bone->restore(last.data());
   bone.reset();

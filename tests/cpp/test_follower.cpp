@@ -23,7 +23,7 @@ void follower() {
   auto loop =
       std::make_shared<HapticLoop>(executor(0.5), std::vector<std::shared_ptr<Device>>{device}, settings);
   Follower follower(loop, {100, 10.0, 1.0});
-  const auto view = follower.view();
+  BoneView view = follower.view();
   loop->start();
   follower.start();
   for (int i = 0; i < 5; ++i) {
@@ -37,9 +37,9 @@ void follower() {
   CHECK(follower.digest() == loop->executor()->bone()->digest());
   CHECK(follower.digests().back().tick == 3000 && follower.digests().back().digest == follower.digest());
   CHECK(follower.stiffness(0).stiffness > 0.1);
-  const auto update = follower.take_changed(*view);
-  CHECK(update.tick == 3000 && !update.bricks.empty() && update.newest->index == 2999);
-  CHECK(follower.take_changed(*view).bricks.empty());
+  const auto update = follower.take_changed(view);
+  CHECK(update.tick == 3000 && !update.changes.bricks.empty() && update.newest->index == 2999);
+  CHECK(follower.take_changed(view).changes.bricks.empty());
 }
 
 /// Levels and tissues that differ between voxels, for copies made while a tick stores.
@@ -111,7 +111,8 @@ void newest_after_rebuild() {
   follower.start();
   follower.stop();
   CHECK(follower.status().rebuilds == 1);
-  CHECK(follower.take_changed(*follower.view()).newest->index == 199);
+  BoneView view = follower.view();
+  CHECK(follower.take_changed(view).newest->index == 199);
   CHECK(follower.digest() == loop->executor()->bone()->digest());
   CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
 }

@@ -39,9 +39,13 @@ class BURRLAB_API BoneView {
   /// of one moment; two may be of different ticks. A brick that is being written in each of 16 tries comes
   /// with a later call. Allocates only to grow the vectors.
   void update(Changes& changes);
+  /// The next call begins with the bone as it is now: for a renderer that has it already.
+  void skip() { read_all(nullptr); }
+  bool shows(const VoxelBone& bone) const { return versions_ == bone.versions_; }  ///< a view of this bone
 
  private:
-  bool read(std::size_t brick, Changes& changes);
+  void read_all(Changes* changes);
+  bool read(std::size_t brick, Changes* changes);
 
   Index3 bricks_;
   std::shared_ptr<const std::uint8_t> tiles_;

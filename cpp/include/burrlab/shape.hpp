@@ -53,9 +53,9 @@ class BURRLAB_API Shape {
   std::string name() const;   ///< `parse` gives the same shape to the bit: that of a table holds its numbers
   std::string label() const;  ///< the name, or for a table a short one with a digest
 
-  /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface.
+  /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface, in the caller's rounding mode.
   double at_depth(double delta) const;
-  double at_radius(double x) const;  ///< f at x = r/R >= 0; zero beyond 1
+  double at_radius(double x) const;  ///< f at x = r/R >= 0, zero beyond 1, in the caller's rounding mode
 
   bool operator==(const Shape& other) const {
     return kind_ == other.kind_ && order_ == other.order_ && (!table_ || table_->name == other.table_->name);

@@ -95,11 +95,13 @@ void EffectsCompanion::frame(int periods) {
     effects_->set_sucker(sucker_);
     camera = camera_;
   }
-  const BoneUpdate update = feed_.bone->take_changed(*feed_.view);
+  const BoneUpdate update = feed_.bone->take_changed(feed_.view);
+  const BoneView::Changes& changes = update.changes;
   const std::vector<BurrAt> burrs = update.newest ? burrs_of(*update.newest) : std::vector<BurrAt>{};
   const double seconds = std::min(periods, most_frames_at_once) / rate_;
-  const FrameDecision decision = effects_->step(
-      seconds, {update.bricks.data(), update.density.data(), update.bricks.size()}, burrs, nullptr, started);
+  const FrameDecision decision =
+      effects_->step(seconds, {changes.bricks.data(), changes.levels.data(), changes.bricks.size()}, burrs,
+                     nullptr, started);
 
   next_.frame = std::uint64_t(effects_->counts().frames);
   next_.tick = update.tick;

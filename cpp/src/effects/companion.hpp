@@ -22,7 +22,7 @@ namespace burrlab {
 /// The bone that effects follow: that of a session, or of a replica.
 struct EffectsFeed {
   std::shared_ptr<SharedBone> bone;
-  std::shared_ptr<UnseenBricks> view;
+  BoneView view;
   std::function<bool()> over;  ///< true if no more comes after the next update
 };
 

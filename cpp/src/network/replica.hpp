@@ -108,8 +108,8 @@ class Replica : public SharedBone {
   std::unique_ptr<FollowedBone> bone_;
   std::unique_ptr<VoxelBone::Changing> changing_;  // until the session ends
   bool suspect_ = false;
-  Divergence divergence_;                 // found; its bricks are not known yet
-  std::shared_ptr<UnseenBricks> unseen_;  // of `take_changed` without arguments
+  Divergence divergence_;           // found; its bricks are not known yet
+  std::optional<BoneView> unseen_;  // of `take_changed` without arguments
   ReplicaStatus status_;
 
   std::mutex life_mutex_;  // of the thread, which never takes it

@@ -1,14 +1,13 @@
 #include "session/followed_bone.hpp"
 
-#include <algorithm>
 #include <cstring>
-#include <iterator>
 
 namespace burrlab {
 
 FollowedBone::FollowedBone(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
-    : executor_(bone, setup, tick), initial_(*bone), now_(initial_) {
+    : executor_(bone, setup, tick), initial_(*bone), now_(initial_), beginning_(*bone) {
   bone->take_changed();
+  beginning_.skip();
 }
 
 Difference FollowedBone::execute(const TickRecord& record) noexcept {
@@ -26,11 +25,7 @@ Difference FollowedBone::execute(const TickRecord& record) noexcept {
 }
 
 const Hash128& FollowedBone::digest() {
-  const std::vector<std::uint32_t> changed = bone().take_changed();
-  now_.update(bone(), changed);
-  std::vector<std::uint32_t> all;
-  std::set_union(pending_.begin(), pending_.end(), changed.begin(), changed.end(), std::back_inserter(all));
-  pending_.swap(all);
+  now_.update(bone(), bone().take_changed());
   return now_.total();
 }
 
@@ -42,27 +37,10 @@ std::vector<std::uint32_t> FollowedBone::differing() {
   return bricks;
 }
 
-std::shared_ptr<UnseenBricks> FollowedBone::view() {
-  auto view = std::make_shared<UnseenBricks>(bone().brick_count());
-  view->mark(differing());
-  views_.erase(std::remove_if(views_.begin(), views_.end(), [](const auto& v) { return v.expired(); }),
-               views_.end());
-  views_.push_back(view);
-  return view;
-}
-
-BoneUpdate FollowedBone::take_changed(UnseenBricks& view) {
-  digest();
-  bool known = false;
-  for (const auto& weak : views_) {
-    const auto each = weak.lock();
-    if (each) each->mark(pending_);
-    known |= each.get() == &view;
-  }
-  pending_.clear();
-  if (!known) throw InvalidArgument("view must be one of this follower");
-  BoneUpdate update{tick(), newest_, {}, {}};
-  view.take(bone(), update);
+BoneUpdate FollowedBone::take_changed(BoneView& view) const {
+  if (!view.shows(bone())) throw InvalidArgument("view must be one of this follower");
+  BoneUpdate update{tick(), newest_, {}};
+  view.update(update.changes);
   return update;
 }
 
@@ -82,27 +60,14 @@ std::string SharedBone::digest() const {
   return shared().digest().text();
 }
 
-std::shared_ptr<UnseenBricks> SharedBone::view() {
+BoneView SharedBone::view() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return shared().view();
 }
 
-BoneUpdate SharedBone::take_changed(UnseenBricks& view) {
+BoneUpdate SharedBone::take_changed(BoneView& view) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return shared().take_changed(view);
-}
-
-void UnseenBricks::mark(const std::vector<std::uint32_t>& bricks) {
-  for (const std::uint32_t brick : bricks) marks_[brick] = 1;
-}
-
-void UnseenBricks::take(const VoxelBone& bone, BoneUpdate& update) {
-  for (std::size_t brick = 0; brick < marks_.size(); ++brick) {
-    if (!marks_[brick]) continue;
-    marks_[brick] = 0;
-    update.bricks.push_back(std::uint32_t(brick));
-    update.density.insert(update.density.end(), bone.tile(brick), bone.tile(brick) + brick_voxels);
-  }
 }
 
 }  // namespace burrlab

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "burrlab/bone_view.hpp"
 #include "burrlab/digest.hpp"
 #include "burrlab/session/tick_executor.hpp"
 #include "burrlab/session/tick_record.hpp"
@@ -18,22 +19,9 @@ namespace burrlab {
 
 /// The changes of a bone since a consumer last asked.
 struct BoneUpdate {
-  std::uint64_t tick = 0;             ///< ticks executed
-  std::optional<TickRecord> newest;   ///< none before the first tick
-  std::vector<std::uint32_t> bricks;  ///< changed since the last update
-  std::vector<std::uint8_t> density;  ///< 512 levels each, (z, y, x)
-};
-
-/// One mark per brick. The owner of the bone must keep calls from overlapping.
-class UnseenBricks {
- public:
-  explicit UnseenBricks(std::size_t bricks) : marks_(bricks, 0) {}
-  void mark(const std::vector<std::uint32_t>& bricks);
-  /// Adds the marked bricks and their levels to `update`, and clears the marks.
-  void take(const VoxelBone& bone, BoneUpdate& update);
-
- private:
-  std::vector<std::uint8_t> marks_;
+  std::uint64_t tick = 0;            ///< ticks executed
+  std::optional<TickRecord> newest;  ///< none before the first tick
+  BoneView::Changes changes;         ///< since the last update
 };
 
 /// The first difference between an executed tick and its record.
@@ -64,17 +52,16 @@ class FollowedBone {
   std::vector<std::uint32_t> differing();
   const Hash128& initial_digest() const { return initial_.total(); }
 
-  /// For a new consumer: all that differs from the beginning, and what changes while it exists.
-  std::shared_ptr<UnseenBricks> view();
+  /// For a new consumer: a view that has seen the bone of the beginning, and nothing since.
+  BoneView view() const { return beginning_; }
   /// The changes since the view was last taken; throws InvalidArgument if it is not of this bone.
-  BoneUpdate take_changed(UnseenBricks& view);
+  BoneUpdate take_changed(BoneView& view) const;
 
  private:
   TickExecutor executor_;
   RunningDigest initial_, now_;
-  std::vector<std::uint32_t> pending_;  // changed, but not asked for yet
+  BoneView beginning_;
   std::optional<TickRecord> newest_;
-  std::vector<std::weak_ptr<UnseenBricks>> views_;
 };
 
 /// A bone that a thread of the derived class changes tick by tick. Others use it between two ticks.
@@ -85,8 +72,8 @@ class SharedBone {
   /// A copy of the bone, and the number of ticks executed on it.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   std::string digest() const;                                ///< of the present bone
-  std::shared_ptr<UnseenBricks> view();                      ///< as `FollowedBone::view`
-  BoneUpdate take_changed(UnseenBricks& view);               ///< as there
+  BoneView view() const;                                     ///< as `FollowedBone::view`
+  BoneUpdate take_changed(BoneView& view) const;             ///< as there
   const VoxelBone& bone() const { return shared().bone(); }  ///< for its constant properties, as its shape
 
  protected:

@@ -126,7 +126,7 @@ double time_at(const std::vector<double>& time, const std::vector<double>& immer
 }  // namespace
 
 MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop, double resolution) {
-  const StandardArithmetic arithmetic;
+  const StandardEnvironment environment;
   require_positive("phi", phi);
   require_positive("resolution", resolution);
   if (!(stop > 0.0 && stop <= 1.0)) refuse("stop", "in (0, 1]", stop);
@@ -158,7 +158,7 @@ MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
 // Gamma(q) ((k+1) v/(kappa p^k))^(1/(k+1)) per area, q = (k+2)/(k+1). Over the immersed cap, area 2 pi p dp,
 // this must be the mass of Eq. 2.
 double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
-  const StandardArithmetic arithmetic;
+  const StandardEnvironment environment;
   require_positive("phi", phi);
   if (!(immersion > 0.0 && immersion <= 1.0)) refuse("immersion", "in (0, 1]", immersion);
   const double k = shape.order(), q = (k + 2.0) / (k + 1.0);
@@ -169,7 +169,7 @@ double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
 
 double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,
                        double stop) {
-  const StandardArithmetic arithmetic;
+  const StandardEnvironment environment;
   if (time.size() != immersion.size() || time.size() < 2)
     throw InvalidArgument("time and immersion must have the same length, two points or more");
   for (std::size_t i = 0; i < time.size(); ++i) {

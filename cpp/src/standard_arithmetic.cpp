@@ -14,7 +14,7 @@ NOT_INLINED StandardEnvironment::StandardEnvironment() noexcept {
 }
 NOT_INLINED StandardEnvironment::~StandardEnvironment() { std::fesetenv(&host_); }
 
-#if defined(__x86_64__) || defined(_M_X64)
+#ifdef BURRLAB_MXCSR
 NOT_INLINED void StandardArithmetic::set(unsigned state) noexcept { _mm_setcsr(state); }
 #endif
 

@@ -5,25 +5,15 @@
 #include <cfenv>
 #if defined(__x86_64__) || defined(_M_X64)
 #include <immintrin.h>
+#define BURRLAB_MXCSR
 #endif
 
 namespace burrlab {
 
-/// All of the thread's floating-point state while it lives. Reading a number from a text asks for all of it.
-class StandardEnvironment {
- public:
-  StandardEnvironment() noexcept;
-  ~StandardEnvironment();
-  StandardEnvironment(const StandardEnvironment&) = delete;
-
- private:
-  std::fenv_t host_;
-};
-
 /// The part that vector and scalar instructions use. Public functions whose numbers must not depend on the
 /// host's have one. The calls that change it are never inlined: a compiler that knows nothing of rounding
 /// modes would move an operation past the instruction.
-#if defined(__x86_64__) || defined(_M_X64)
+#ifdef BURRLAB_MXCSR
 class StandardArithmetic {
  public:
   StandardArithmetic() noexcept : host_(_mm_getcsr()) {
@@ -42,7 +32,23 @@ class StandardArithmetic {
   unsigned host_;
 };
 #else
+class StandardEnvironment;
 using StandardArithmetic = StandardEnvironment;
 #endif
+
+/// All of the thread's floating-point state while it lives. Reading a number from a text asks for all of it,
+/// and so do the exponentials of some mathematical libraries.
+class StandardEnvironment {
+ public:
+  StandardEnvironment() noexcept;
+  ~StandardEnvironment();
+  StandardEnvironment(const StandardEnvironment&) = delete;
+
+ private:
+#ifdef BURRLAB_MXCSR
+  StandardArithmetic arithmetic_;  // the default environment of some libraries is that of the x87 unit alone
+#endif
+  std::fenv_t host_;
+};
 
 }  // namespace burrlab

@@ -30,6 +30,7 @@ def test_what_a_protocol_says(tmp_path):
     bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
     assert one.tasks["probing"] == SameDifferent(bone, pvc, trials=8, practice=2, blocks=2)
     assert one.tasks["match"] == ABX(bone, pvc, trials=4)
+    assert one.minutes("probing") == (10 * 2 * (20.0 + 1.0) + 60.0) / 60.0
     assert repr(one) == f"Protocol('test', 3 subjects, tasks probing, match, up, digest {one.digest[:12]})"
 
 
@@ -41,6 +42,22 @@ def test_the_template_is_the_paper_s_first_task(tmp_path):
     assert [one.tasks_of(subject)[0] for subject in one.subjects] == ["probing", "drilling"] * 6
     # Orders differ between subjects and tasks.
     assert len({one.order(s, t).next().intervals[0].seed for s in one.subjects for t in one.tasks}) == 24
+
+
+def test_references_are_tasks(tmp_path):
+    """One a reference, in the design's own words; at the factor 1 it is the design without references."""
+    plain = protocol(tmp_path)
+    tasks = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 10\nreferences = [0.5, 1, 4]")).tasks
+    assert [name for name in tasks if name.startswith("up")] == ["up1", "up2", "up3"]
+    assert tasks["up2"].to_dict() == plain.tasks["up"].to_dict()
+    assert [tasks[f"up{i}"].reference.material.c_e for i in (1, 3)] == pytest.approx([1.0725, 8.58])
+    along = "trials = 10\nreferences = [2, 3]\ndirection = [3, 8]"
+    bone, moved = (
+        plain.tasks["up"].reference.material,
+        protocol(tmp_path, SMALL.replace("trials = 10", along)),
+    )
+    moved = moved.tasks["up1"].reference.material
+    assert (moved.c_e / bone.c_e, moved.alpha / bone.alpha) == pytest.approx((8.0, 256.0))
 
 
 def test_the_template_s_examples_are_of_every_design(tmp_path):
@@ -216,6 +233,11 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ('foil = "pvc"', 'foil = "pvc"\ninterval_s = 1e9', r", [tasks.match]: interval_s must be at most 86400 [s], got 1000000000.0"),
         ("practice = 2", "practice = 9223372036854775807",
          r", [tasks.probing]: practice must be a whole number from 0 to 10000, got 9223372036854775807"),
+        ("trials = 10", "trials = 10\nreferences = [1.0]", r", [tasks.up]: references must be two or more different factors above 0, got [1.0]"),
+        ("trials = 10", "trials = 10\nreferences = [1, -2]", r", [tasks.up]: references must be two or more different factors above 0, got [1.0, -2.0]"),
+        ("trials = 10", "trials = 10\nreferences = [1, 2]\ndirection = [0, 1]", r", [tasks.up]: direction must be two numbers, along ln c_e and ln alpha, that move c_e"),
+        ("trials = 10", "trials = 10\ndirection = [1, 1]", r", [tasks.up]: direction goes with references"),
+        ("trials = 4", "trials = 4\nreferences = [1, 2]", r", [tasks.match]: unknown key 'references'; known are design, reference, foil"),
         ("trials = 10", "trials = 1000000000000", r", [tasks.up]: trials must be a whole number from 0 to 10000, got 1000000000000"),
     ],
 )  # fmt: skip

@@ -8,9 +8,9 @@ version of NumPy, and a shuffle of this module, because NumPy's may change.
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -186,7 +186,6 @@ class FixedDesign(TaskDesign):
     """A design whose answers do not change the order: practice, then blocks, each balanced (`Draws.balanced`)."""
 
     trials: int
-    blocks: int
     _types: Sequence[Sequence[Any]]  # in groups of equal size
     _trial: Callable[..., Trial]
 
@@ -365,6 +364,40 @@ class ComparisonDesign(TaskDesign):
     def _exponent(self) -> float:
         """p of v ~ alpha/c_e^p at small forces: 2 (k + 1)/q for an f with a zero of order k at r = R."""
         return 2.0 * (self._material.shape.order + 1.0) / self._material.force_exponent
+
+    def around(self, factors: Sequence[float], direction: Sequence[float] | None = None) -> Iterator[Self]:
+        """This design around other references, for thresholds along a range.
+
+        Parameters
+        ----------
+        factors : sequence of float
+            c_e and alpha of a reference are this one's times factor**direction.
+        direction : (float, float), optional
+            Along ln c_e and along ln alpha; by default along the parameter alone.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two factors, two are equal, one is not above 0, or the direction is not of
+            two numbers that move the parameter.
+        """
+        refuse(
+            len(set(factors)) != len(factors) or len(factors) < 2 or not min(factors) > 0.0,
+            f"references must be two or more different factors above 0, got {list(factors)}",
+        )
+        along = [float(self.parameter == name) for name in UNITS] if direction is None else list(direction)
+        refuse(
+            len(along) != 2 or along[self.parameter == "alpha"] == 0.0,
+            f"direction must be two numbers, along ln c_e and ln alpha, that move {self.parameter}, got {along}",
+        )
+        material, law = self._material, law_of(self._material)
+        where = f"{self.parameter} " if direction is None else ""
+        for factor in factors:
+            c_e, alpha = (getattr(material, name) * factor**x for name, x in zip(UNITS, along, strict=True))
+            name = f"{self.reference.name} {where}x{factor:.6g}"
+            source = f"{material.name} times {factor:.17g}**{along} in c_e and alpha"
+            moved = Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
+            yield self if factor == 1.0 else replace(self, reference=Stimulus(name, moved))
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""

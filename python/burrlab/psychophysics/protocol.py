@@ -22,7 +22,7 @@ from burrlab.common.check import refuse, shown
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
-from burrlab.psychophysics.designs import counterbalanced
+from burrlab.psychophysics.designs import ComparisonDesign, counterbalanced
 from burrlab.psychophysics.interval import Block, VolumeBlock
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
@@ -150,8 +150,11 @@ class TomlTable:
         return key in self._values
 
 
-def design_of(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> TaskDesign:
-    """The design of a table. Its keys are the parameters of the design's class; times end in _s.
+def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[TaskDesign]:
+    """The design of a table, or one for each of its `references`.
+
+    The keys are the parameters of the design's class; times end in _s. `references` are factors of a
+    comparison's reference, along `direction` in (ln c_e, ln alpha), which is the parameter's by default.
 
     Raises
     ------
@@ -163,9 +166,17 @@ def design_of(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> TaskDesign:
     for name, parameter in inspect.signature(kind).parameters.items():
         default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
         options[name] = _read(table, key_of(name), hints[name], stimuli, default)
+    factors, direction = (
+        table.get(key, _LIST, default=None) if issubclass(kind, ComparisonDesign) else None
+        for key in ("references", "direction")
+    )
     table.done()
+    table.refuse(factors is None and direction is not None, "direction goes with references")
     try:
-        return kind(**{name: value for name, value in options.items() if key_of(name) in table})
+        design = kind(**{name: value for name, value in options.items() if key_of(name) in table})
+        if factors is None or not isinstance(design, ComparisonDesign):
+            return [design]
+        return list(design.around(factors, direction))
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None
@@ -343,13 +354,17 @@ def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
     table.refuse(not tables, "there must be at least one task, [tasks.NAME]")
     _check_labels(table, "a task", list(tables))
     tasks: dict[str, TaskDesign] = {}
-    for name, task_table in tables.items():
-        tasks[name] = design_of(task_table, stimuli)
-        for other, design in tasks.items():
-            task_table.refuse(
-                other != name and design.to_dict() == tasks[name].to_dict(),
-                f"this is task {other} again, trial by trial: give one of them more trials or blocks",
-            )
+    for table_name, task_table in tables.items():
+        designs = designs_of_table(task_table, stimuli)
+        for number, design in enumerate(designs, 1):
+            name = f"{table_name}{number}" if "references" in task_table else table_name
+            task_table.refuse(name in tasks, f"its reference {number} is task {name}, which is there already")
+            for other, known in tasks.items():
+                task_table.refuse(
+                    known.to_dict() == design.to_dict(),
+                    f"this is task {other} again, trial by trial: give one of them more trials or blocks",
+                )
+            tasks[name] = design
     return MappingProxyType(tasks)
 
 
@@ -526,6 +541,17 @@ class Protocol:
         return self.tasks[self._known("task", task, self.tasks)].order(
             seed=self.seed, subject=f"{self._known('subject', subject, self.subjects)} {task}"
         )
+
+    def minutes(self, task: str) -> float:
+        """Most minutes that a task takes a subject: intervals, pauses and breaks, without the time of answers.
+
+        An interval that the subject ends counts only by its pause.
+        """
+        order, blocks = self.order(self.subjects[0], task), self.tasks[task].blocks
+        trial = order.next()
+        assert trial is not None
+        intervals = sum((interval.duration or 0.0) + self.pause for interval in trial.intervals)
+        return (order.total * intervals + (blocks - 1) * self.rest) / 60.0
 
     @property
     def data(self) -> ExperimentFolder:

@@ -110,6 +110,7 @@ class TaskDesign(ABC):
         The possible responses, in the order of their keys.
     practice : int
         Trials before those that count.
+    blocks : int
     """
 
     task: TaskName
@@ -117,6 +118,7 @@ class TaskDesign(ABC):
     question: str
     answers: tuple[str, ...]
     practice: int
+    blocks: int
     _kind: ClassVar[str]  # the design's name in files
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
 

@@ -86,3 +86,14 @@ def begun(
 def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
     """The first trials of a run, answered by `give`."""
     return give(Mock(), one.order(subject, task), count, wrong=wrong)
+
+
+def run(protocol, subject, task, right, stop=10_000):
+    """Answers a run, correctly where `right` is True."""
+    file, order = protocol.begin(subject, task)
+    with file:
+        while len(order.answered) < stop and (trial := order.next()) is not None:
+            (other,) = {*protocol.tasks[task].answers} - {trial.correct}
+            response = trial.correct if right(trial) else other
+            file.append(answer(trial, response, 45.0 * len(order.answered)))
+            order.answer(response)

@@ -7,8 +7,8 @@ import re
 from dataclasses import replace
 
 import pytest
-from answer_scenes import answer
 from answer_scenes import protocol as read
+from answer_scenes import run
 from session_scenes import refused
 
 from burrlab.psychophysics import Analysis, Protocol, ThresholdTask, analyse, read_answers
@@ -74,17 +74,6 @@ def protocol(folder, tables, *runs, more="", subjects=3):
     for row in runs:
         run(made, *row)
     return made
-
-
-def run(protocol, subject, task, right, stop=math.inf):
-    """Answers a run, correctly where `right` is True."""
-    file, order = protocol.begin(subject, task)
-    with file:
-        while len(order.answered) < stop and (trial := order.next()) is not None:
-            (other,) = {*protocol.tasks[task].answers} - {trial.correct}
-            response = trial.correct if right(trial) else other
-            file.append(answer(trial, response, 45.0 * len(order.answered)))
-            order.answer(response)
 
 
 def wrong_in(*numbers):

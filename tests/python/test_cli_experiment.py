@@ -120,7 +120,7 @@ def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
     assert {
         "simulated subject 02, task match: trial 2 of 2, block 1",
         "task probing, subject 03",
-        "figure d_prime of task match",
+        "figure task-match_d_prime",
     } <= {*shown}
     assert (shown[-1], matplotlib.pyplot.get_fignums()) == ("", [])
     out, _ = said(capsys)

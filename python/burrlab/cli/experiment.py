@@ -4,6 +4,7 @@ import contextlib
 import functools
 import logging
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -116,11 +117,15 @@ def _draw(analysis: Analysis, folder: Path) -> str:
     import matplotlib.pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
-    figures = [(task.name, *figure) for task in analysis.tasks for figure in _figures(task).items()]
-    for task_name, name, draw in figures:
-        show_line(f"figure {name} of task {task_name}")
+    figures = {
+        f"task-{task.name}_{name}": draw for task in analysis.tasks for name, draw in _figures(task).items()
+    }
+    for function in analysis.sensitivity_functions():
+        figures["sensitivity-" + "-".join(re.findall(r"\w+", function.name))] = function.plot
+    for name, draw in figures.items():
+        show_line(f"figure {name}")
         axes = draw()
-        save_figure(axes, str(folder / f"task-{task_name}_{name}.png"))
+        save_figure(axes, str(folder / f"{name}.png"))
         plt.close(axes.get_figure(root=True))
     return f"\n\n{len(figures)} figures are in {folder}: task-NAME_FIGURE.png"
 

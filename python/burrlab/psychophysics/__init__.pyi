@@ -63,3 +63,6 @@ from burrlab.psychophysics.threshold_task import ThresholdTask as ThresholdTask
 from burrlab.psychophysics.trial import Interval as Interval
 from burrlab.psychophysics.trial import Stimulus as Stimulus
 from burrlab.psychophysics.trial import Trial as Trial
+from burrlab.psychophysics.weber import SensitivityFunction as SensitivityFunction
+from burrlab.psychophysics.weber import WeberFraction as WeberFraction
+from burrlab.psychophysics.weber import subjects_for_slope as subjects_for_slope

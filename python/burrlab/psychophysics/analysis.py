@@ -43,6 +43,7 @@ from burrlab.psychophysics.scored_task import (
 from burrlab.psychophysics.sensitivity import DPrime
 from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
+from burrlab.psychophysics.weber import SensitivityFunction, WeberFraction, usable
 
 Task: TypeAlias = ScoredTask | ThresholdTask
 
@@ -215,6 +216,20 @@ def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     return fields
 
 
+def sensitivity_lines(functions: Sequence[SensitivityFunction]) -> list[str]:
+    """The functions and, for each two, whether their slopes differ."""
+    lines = ["", "Sensitivity along the references"] if functions else []
+    for i, function in enumerate(functions):
+        lines += ["", *str(function).splitlines()]
+        for other in functions[:i]:
+            if function.lines.keys() & other.lines.keys():
+                difference = function.difference(other)
+                lines.append(
+                    f"its slope less that of {other.name}: {difference}, p = {p_text(difference.p_value())}"
+                )
+    return lines
+
+
 _KIND = "burrlab analysis"
 FORMAT = 1
 
@@ -258,6 +273,37 @@ class Analysis(InJson):
         """Whether any subject is simulated."""
         return any(task.simulated for task in self.tasks)
 
+    def sensitivity_functions(self) -> tuple[SensitivityFunction, ...]:
+        """Weber fractions along the references of tasks that vary one parameter in one way; often none.
+
+        Every threshold is fitted anew to all trials, at 75 % correct, whatever the design. Days on which a
+        subject's runs began are sessions. Above and below the references there are functions of their own.
+        """
+        rows: dict[tuple[str, str], list[WeberFraction]] = {}
+        for task in self.tasks:
+            if not isinstance(task, ThresholdTask) or "parameter" not in task.design:
+                continue
+            parameter, design = task.design["parameter"], task.design
+            held = ", sinking speed held" * (design["hold"] == "sinking speed")
+            reference = design["reference"][{"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}[parameter]]
+            for subject in task.subjects:
+                days = sorted({run.day for each in self.tasks if isinstance(each, ThresholdTask)
+                               for run in each.subjects if run.subject == subject.subject})  # fmt: skip
+                for side in ("above", "below"):
+                    levels = [row for row in subject.levels if (row[0] > 1.0) == (side == "above")]
+                    if levels:
+                        name = f"{parameter} by {design['mode']}{held}, {side} the reference"
+                        rows.setdefault((parameter, name), []).append(
+                            WeberFraction.of_levels(
+                                levels, subject=subject.subject, reference=reference, session=str(days.index(subject.day)),
+                            )
+                        )  # fmt: skip
+        return tuple(
+            SensitivityFunction.of(fractions, parameter, name=name, level=task.level)
+            for (parameter, name), fractions in rows.items()
+            if usable(fractions)
+        )
+
     def report(self, *, width: int | None = None) -> str:
         """The whole analysis as text.
 
@@ -273,6 +319,8 @@ class Analysis(InJson):
             if task.subjects:
                 sentences = [*(f"  {line}" for line in legend(task)), "", *group_lines(task)]
                 lines += ["", *tables_lines(columns(task), width), *wrapped_lines(sentences, width)]
+        for line in sensitivity_lines(self.sensitivity_functions()):
+            lines += wrapped_lines([line], width)
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -334,6 +382,9 @@ class Analysis(InJson):
                     f"<p><small>{escape(' '.join(legend(task)))}</small></p>",
                     *(f"<p>{escape(line)}</p>" for line in group_lines(task)),
                 ]
+        parts += [
+            f"<p>{escape(line)}</p>" for line in sensitivity_lines(self.sensitivity_functions()) if line
+        ]
         return "".join(parts)
 
 

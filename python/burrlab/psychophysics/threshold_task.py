@@ -47,6 +47,8 @@ class SubjectThreshold:
         The estimate in words.
     estimate : StaircaseThreshold, PosteriorThreshold, PsychometricFit or None
         None if nothing could be fitted.
+    day : str
+        Day on which the run began, UTC; empty if unknown.
     """
 
     subject: str
@@ -58,6 +60,7 @@ class SubjectThreshold:
     interval: tuple[float, float] | None
     said: str
     estimate: Estimate | None
+    day: str = ""
 
     @property
     def complete(self) -> bool:
@@ -193,8 +196,10 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
             below = fit.side == "below"
             threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
             interval = (low, high)
+    car = None if subject.answers is None else subject.answers.side_car
     return SubjectThreshold(
-        subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate), estimate
+        subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate),
+        estimate, "" if car is None else car.started[:10],
     )  # fmt: skip
 
 

@@ -1,0 +1,199 @@
+"""Weber fractions along references: the group's slope, what it is worth, and its way from trials."""
+
+import itertools
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from answer_scenes import SMALL, protocol, run
+from scipy.special import ndtr
+from scipy.stats import binom
+
+import burrlab
+from burrlab.psychophysics import (
+    AdaptiveStaircase,
+    SensitivityFunction,
+    Staircase,
+    Stimulus,
+    WeberFraction,
+    analyse,
+)
+
+REFERENCES = np.geomspace(0.5, 8.0, 5)
+
+
+def group(random, slope=-0.4, between=0.2, subjects=8, error=0.2, references=REFERENCES):
+    """Fractions whose slopes differ between subjects; errors differ between fractions and are known."""
+    rows = []
+    for i in range(subjects):
+        own, level = slope + between * random.normal(), math.log(0.2) + 0.3 * random.normal()
+        for p0 in references:
+            known = error * np.exp(0.2 * random.normal())
+            ln_w = level + own * math.log(p0 / 2.0) + known * random.normal()
+            rows.append(WeberFraction(str(i), p0, math.exp(ln_w), known))
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("seed", "between", "lmer"),
+    [
+        (3, 0.4, (-0.3877456, 0.2350458, 6.9941, 0.1430357, 0.6566668)),
+        (4, 0.2, (-0.3211677, 0.0960271, 7.0720, 0.0121580, 0.2569328)),
+    ],
+)
+def test_beside_lmer(seed, between, lmer):
+    """lmerTest 3.1-3: lmer(log(W) ~ log(p0/2) + (log(p0/2) | subject), weights = 1/se^2), Satterthwaite."""
+    slope = SensitivityFunction.of(group(np.random.default_rng(seed), between=between)).slope
+    estimate, error, freedom, p, apart = lmer
+    assert slope.mean == pytest.approx(estimate, abs=0.02 * error)
+    assert (slope.error, slope.between) == pytest.approx((error, apart), rel=0.01)
+    assert slope.p_value() == pytest.approx(p, rel=0.03)
+    assert slope.subjects - 1 == pytest.approx(freedom, rel=0.02)
+
+
+def test_exact_lines_and_sessions():
+    """Without noise slopes come back whatever the sessions add; where they cannot be told, it says so."""
+    shift = {"1": 0.0, "2": 0.3}
+    rows = [
+        WeberFraction(f"{i}", p0, 0.2 * p0**slope * math.exp(shift[session]), 0.1, session)
+        for i, slope in enumerate((-0.5, 0.1, 0.4))
+        for k, p0 in enumerate(REFERENCES)
+        for session in (str(1 + (i + k) % 2),)
+    ]
+    function = SensitivityFunction.of(rows)
+    assert (function.slope.mean, function.slope.between) == pytest.approx(
+        (0.0, np.std((-0.5, 0.1, 0.4), ddof=1))
+    )
+    assert [function.lines[x][0, 1] for x in "012"] == pytest.approx([-0.5, 0.1, 0.4])
+    assert (function.sessions, function.curvature.mean) == pytest.approx((2, 0.0), abs=1e-9)
+    alone = SensitivityFunction.of(
+        [WeberFraction("0", r.reference, r.fraction, 0.1, f"{k}") for k, r in enumerate(rows[:5])]
+    )
+    assert alone.sessions == 1
+    assert "cannot be told from the slopes" in str(alone)
+    assert "one subject: nothing is said of others" in str(alone)
+    assert math.isinf(alone.slope.interval[1])
+    other = SensitivityFunction.of(
+        [WeberFraction(r.subject, r.reference, r.fraction * r.reference, 0.1, r.session) for r in rows]
+    )
+    assert other.difference(function).mean == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="other must hold a subject of this function"):
+        other.difference(SensitivityFunction.of([WeberFraction("9", p0, 0.2, 0.1) for p0 in (1.0, 2.0)]))
+
+
+def test_what_is_left_out():
+    rows = group(np.random.default_rng(1))
+    odd = WeberFraction("0", 16.0, 0.9, 0.3, open=True), WeberFraction("lonely", 1.0, 0.2, 0.1)
+    function = SensitivityFunction.of([*rows, *odd])
+    assert function.left_out == odd
+    assert function.slope == SensitivityFunction.of(rows).slope
+    assert (
+        "left out, as the threshold may lie beyond the levels or nothing is beside it: 0 at 16, lonely at 1"
+        in str(function)
+    )
+    with pytest.raises(ValueError, match="a subject with two references or more, got none"):
+        SensitivityFunction.of(odd)
+    with pytest.raises(ValueError, match="fraction must be above 0 and finite, got 0"):
+        WeberFraction("0", 1.0, 0.0, 0.1)
+    with pytest.raises(ValueError, match="levels must lie on one side of 1, got 2 on 2 sides"):
+        WeberFraction.of_levels([(0.9, 1, 2), (1.1, 1, 2)], subject="0", reference=1.0)
+    never = WeberFraction.of_levels([(1.5, 10, 20)], subject="0", reference=1.0)
+    assert never.open
+
+
+def test_curvature_is_seen():
+    rows = [
+        WeberFraction(
+            r.subject, r.reference, r.fraction * math.exp(0.2 * math.log(r.reference / 2.0) ** 2), r.error
+        )
+        for r in group(np.random.default_rng(2), error=0.05)
+    ]
+    curvature = SensitivityFunction.of(rows).curvature
+    assert curvature.interval[0] < 0.4 < curvature.interval[1]
+    assert curvature.p_value() < 0.001
+
+
+def test_from_the_file_to_the_function(tmp_path):
+    """References of a file, a staircase each; subjects of a constant ratio get Weber's law."""
+    made = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreferences = [0.5, 1, 2, 4]"))
+    for subject, limit in (("01", 1.15), ("02", 1.3), ("03", 1.2)):
+        for task in made.tasks:
+            if task.startswith("up"):
+                run(made, subject, task, lambda trial, at=limit: trial.level > at or trial.number % 2 == 0)
+    analysis = analyse(made)
+    (function,) = analysis.sensitivity_functions()
+    assert sorted({row.reference for row in function.fractions}) == pytest.approx([1.0725, 2.145, 4.29, 8.58])
+    assert function.slope.mean == pytest.approx(0.0, abs=1e-9)
+    assert 0.1 < function.fraction_at(2.145)[0] < 0.35
+    assert str(function).splitlines()[0] in analysis.report()
+    axes = function.plot()
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert "published exponent 2,\ndefinition unknown, no level" in axes.get_legend_handles_labels()[1]
+
+
+def binomial_limits(held, sets):
+    """Whether the share that held its 95 % interval is too small to be chance, or much above."""
+    return binom.ppf(0.001, sets, 0.95) <= held <= binom.ppf(0.999, sets, 0.97)
+
+
+@pytest.mark.slow
+def test_how_often_the_slope_is_held():
+    sets, total = 2000, 0
+    lines = list(itertools.product((-1.0, 0.0, 1.0), (6, 10, 20), (0.2, 0.4)))
+    random = np.random.default_rng(1)
+    for slope, subjects, between in lines:
+        found = [SensitivityFunction.of(group(random, slope, between, subjects)).slope for _ in range(sets)]
+        held = sum(x.interval[0] <= slope <= x.interval[1] for x in found)
+        bias = float(np.mean([x.mean for x in found])) - slope
+        half = float(np.median([x.interval[1] - x.mean for x in found]))
+        print(f"slope {slope:+g}, {subjects} subjects, sd {between}: held {100 * held / sets:.1f} %, bias {bias:+.3f}, "
+              f"half width {half:.2f}")  # fmt: skip
+        assert abs(bias) < 0.05
+        total += held
+    assert binomial_limits(total, sets * len(lines)), total
+
+
+def answered(design, threshold, bias, random):
+    """Levels, correct answers and trials of a Gaussian observer who prefers an interval and lapses in 3 %."""
+    track, right, trials = design.track(), Counter(), Counter()
+    while (level := track.level()) is not None:
+        d = 0.9539 * abs(math.log(level)) / threshold / math.sqrt(2.0)
+        p = 0.97 * float(ndtr(d + bias * random.choice((-1, 1)))) + 0.015
+        right[level] += (correct := bool(random.random() < p))
+        trials[level] += 1
+        track.update(correct)
+    return [(level, right[level], n) for level, n in trials.items()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["adaptive", "staircase"])
+def test_from_trials(kind):
+    """Six subjects who differ by 0.2, five references, W from 0.07 to 0.7."""
+    bone, sets, total = Stimulus("bone", burrlab.materials["bone"]), 500, 0
+    design = {
+        "adaptive": AdaptiveStaircase(bone, "c_e", levels=(1.02, 3.0), trials=60),
+        "staircase": Staircase(bone, "c_e", start=2.5, trials=60, reversals=30),
+    }[kind]
+    random = np.random.default_rng(2)
+    for slope in (-1.0, 0.0, 1.0):
+        found, left_out = [], 0
+        for _ in range(sets):
+            rows = []
+            for i in range(6):
+                own, level, bias = slope + 0.2 * random.normal(), 0.2 * random.normal(), 0.3 * random.normal()
+                for p0 in np.geomspace(1 / 3, 3, 5):
+                    w = 0.22 * math.exp(level) * p0**own
+                    levels = answered(design, math.log1p(w), bias, random)
+                    rows.append(WeberFraction.of_levels(levels, subject=str(i), reference=p0))
+            function = SensitivityFunction.of(rows)
+            found.append(function.slope)
+            left_out += len(function.left_out)
+        held = sum(x.interval[0] <= slope <= x.interval[1] for x in found)
+        bias = float(np.mean([x.mean for x in found])) - slope
+        half = float(np.median([x.interval[1] - x.mean for x in found]))
+        print(f"{kind}, slope {slope:+g}: held {100 * held / sets:.1f} %, bias {bias:+.3f}, half width {half:.2f}, "
+              f"left out {left_out / sets / 30:.1%}")  # fmt: skip
+        assert abs(bias) < 0.05
+        total += held
+    assert binomial_limits(total, 3 * sets), total

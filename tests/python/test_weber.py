@@ -19,6 +19,7 @@ from burrlab.psychophysics import (
     WeberFraction,
     analyse,
 )
+from burrlab.psychophysics.analysis import group_lines
 
 REFERENCES = np.geomspace(0.5, 8.0, 5)
 
@@ -130,6 +131,32 @@ def test_from_the_file_to_the_function(tmp_path):
     axes = function.plot()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert "published exponent 2,\ndefinition unknown, no level" in axes.get_legend_handles_labels()[1]
+
+
+def test_catch_trials(tmp_path):
+    """They are easy, spread, counted apart and leave the staircase's own trials as they are."""
+    made = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\ncatch = 4\nblocks = 2"))
+    run(made, "01", "up", lambda trial: trial.phase == "main" and trial.level > 1.2)
+    (task,) = (task for task in analyse(made).tasks if task.name == "up")
+    (subject,) = task.subjects
+    assert (subject.catch, subject.complete) == ((2.0, 0, 4), True)
+    assert "01: 0 of 4 catch trials right" in "\n".join(group_lines(task))
+    plain = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\nblocks = 2")).order("01", "up")
+    while (trial := plain.next()) is not None:
+        plain.answer(trial.correct if trial.level > 1.2 else {"first": "second"}.get(trial.correct, "first"))
+    levels = Counter(trial.level for trial, _ in plain.answered)
+    assert {level: n for level, _, n in subject.levels} == pytest.approx(levels)
+    phases = [trial.phase for trial, _ in replayed(made.order("01", "up")).answered]
+    assert [phases[i : i + 11].count("catch") for i in range(0, 44, 11)] == [1, 1, 1, 1]
+    with pytest.raises(ValueError, match="catch must be at most the 40 trials, got 41"):
+        protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\ncatch = 41"))
+
+
+def replayed(order):
+    """The order with all answers right."""
+    while (trial := order.next()) is not None:
+        order.answer(trial.correct)
+    return order
 
 
 def binomial_limits(held, sets):

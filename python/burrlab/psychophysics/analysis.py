@@ -8,6 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import IO, Any, ClassVar, Self, TypeAlias
 
+import scipy
+
 from burrlab.common.check import refuse, shown
 from burrlab.common.files import write_text
 from burrlab.common.provenance import provenance
@@ -186,6 +188,15 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
     for subject in task.subjects if not any(subject.threshold for subject in task.subjects) else ():
         shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in subject.levels)
         lines.append(f"{subject.subject}: {shares}")
+    for subject in task.subjects:
+        if subject.catch is not None:
+            _, right, caught = subject.catch
+            share = scipy.stats.binomtest(right, caught).proportion_ci(task.level)
+            low, high = 2.0 * (1.0 - share.high), 2.0 * (1.0 - share.low)
+            lines.append(
+                f"{subject.subject}: {right} of {caught} catch trials right, so lapses (random answers) in "
+                f"{100 * max(low, 0.0):.0f} to {100 * min(high, 1.0):.0f} %"
+            )
     if (group := task.group_threshold) is not None:
         lines.append(
             f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean "
@@ -290,7 +301,8 @@ class Analysis(InJson):
                 days = sorted({run.day for each in self.tasks if isinstance(each, ThresholdTask)
                                for run in each.subjects if run.subject == subject.subject})  # fmt: skip
                 for side in ("above", "below"):
-                    levels = [row for row in subject.levels if (row[0] > 1.0) == (side == "above")]
+                    answered = (*subject.levels, *([subject.catch] if subject.catch else []))
+                    levels = [row for row in answered if (row[0] > 1.0) == (side == "above")]
                     if levels:
                         name = f"{parameter} by {design['mode']}{held}, {side} the reference"
                         rows.setdefault((parameter, name), []).append(

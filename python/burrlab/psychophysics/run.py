@@ -179,7 +179,7 @@ class Runner:
     def _rest_before(self, trial: Trial) -> None:
         """Gives a break at the end of a block, but not at the start of a sitting."""
         last = self._order.answered[-1][0] if self._order.answered else trial
-        if (last.phase, last.block) == (trial.phase, trial.block):
+        if last.block == trial.block:  # practice is block 0
             return
         self._seat.progress("")
         if last.phase == "practice":

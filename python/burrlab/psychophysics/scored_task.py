@@ -185,7 +185,9 @@ def _subject(answers: Answers) -> SubjectData:
     return SubjectData(
         answers.subject,
         answers.counts() if answers.main else None,
-        None if answers.trials is None else answers.trials - int(_design(answers).get("practice", 0)),
+        None
+        if answers.trials is None
+        else answers.trials - sum(int(_design(answers).get(x, 0)) for x in ("practice", "catch")),
         answers.simulated,
         tuple((level, right[level], trials[level]) for level in sorted(trials)),
         answers,

@@ -53,7 +53,7 @@ class AnswerRow:
         From the question to the answer [s].
     trial : int
         In its phase, from 1.
-    phase : {"practice", "main"}
+    phase : {"practice", "main", "catch"}
     block : int
         From 1; practice is block 0.
     level : float or None
@@ -184,7 +184,7 @@ class RowReader:
         line = self._before.get((row.phase, row.trial), (None,))[0]
         refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
         _, before = next(reversed(self._before.values()), (0, replace(row, trial=0)))
-        _check_place(row, before)
+        _check_place(row, before, 1 + sum(phase == row.phase for phase, _ in self._before))
         self._check_correct(row)
         return row
 
@@ -209,14 +209,13 @@ def _side(row: AnswerRow, answer: str) -> bool | None:
     return None if row.level is None or row.level == 1.0 else comparison == (row.level > 1.0)
 
 
-def _check_place(row: AnswerRow, before: AnswerRow) -> None:
-    """Raises ValueError unless the row's trial follows the one before; the first follows trial 0."""
+def _check_place(row: AnswerRow, before: AnswerRow, expected: int) -> None:
+    """Raises ValueError unless the row's trial is the expected one and follows the one before, or trial 0."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
-    in_main = row.phase == "main"
-    refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
-    same, was_main = before.phase == row.phase, before.trial and before.phase == "main"
-    refuse(was_main and not in_main, "column phase: practice comes before the main phase")
-    expected = before.trial + 1 if same else 1
+    counts, counted = row.phase != "practice", before.trial and before.phase != "practice"
+    refuse(counts and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
+    refuse(counted and not counts, "column phase: practice comes before the main phase")
+    same = (before.phase != "practice") == counts
     refuse(row.trial != expected, f"column trial: {row.phase} trial {expected} is due, got {row.trial}")
     for name, wrong in (("onset", row.onset < before.onset), ("block", same and row.block < before.block)):
         was, now = getattr(before, name), getattr(row, name)
@@ -255,7 +254,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
     "correct": lambda text: _one_of(("0", "1"))(text) == "1",
     "response_time": _seconds,
     "trial": _filled(table.whole),
-    "phase": _one_of(("practice", "main")),
+    "phase": _one_of(("practice", "main", "catch")),
     "block": _filled(table.whole),
     "level": _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0),
     "stimulus": _or_none,
@@ -509,7 +508,7 @@ def descriptions(columns: Sequence[str], task: TaskName, keys: str = KEYS) -> di
         },
         "response": {answer: f"key {key}" for key, answer in zip(keys, ANSWERS[task], strict=True)},
         "correct": {"1": "correct", "0": "wrong"},
-        "phase": {"practice": "not analysed", "main": "analysed"},
+        "phase": {"practice": "not analysed", "main": "analysed", "catch": "easy, for the lapse rate"},
         "ended": _ENDED,
     }
     return {

@@ -30,7 +30,7 @@ from burrlab.psychophysics.psychometric import (
     threshold_of,
 )
 from burrlab.psychophysics.rules import rule_of, whole
-from burrlab.psychophysics.trial import Order, Stimulus, TaskDesign, Trial, key_of
+from burrlab.psychophysics.trial import Order, Phase, Stimulus, TaskDesign, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -39,6 +39,7 @@ class Staircased(ComparisonDesign):
     """A comparison whose levels follow the answers."""
 
     trials: int
+    catch: int
 
     @abstractmethod
     def track(self) -> "StaircaseTrack | AdaptiveTrack":
@@ -75,7 +76,13 @@ class StaircaseOrder(Order):
         self.answered, self._answers = [], design.answers
         self.track = design.track()
         self._design, self._draws = design, draws
-        self._kinds = self._drawn(design.practice) + self._drawn(design.trials)
+        self._kinds = {"practice": self._drawn(design.practice), "main": self._drawn(design.trials)}
+        self._phases: list[Phase] = [*(["practice"] * design.practice), *(["main"] * design.trials)]  # type: ignore[list-item]
+        if design.catch:  # one in each of equal parts of the main phase, the last first
+            self._kinds["catch"] = self._drawn(design.catch)
+            ends = [design.trials * part // design.catch for part in range(design.catch + 1)]
+            for low, high in zip(ends[-2::-1], ends[:0:-1], strict=True):
+                self._phases.insert(design.practice + low + draws.below(high - low), "catch")
         self._next: Trial | None = None
 
     def _drawn(self, trials: int) -> list[str]:
@@ -85,17 +92,22 @@ class StaircaseOrder(Order):
 
     @property
     def total(self) -> int:
-        return len(self._kinds)
+        return len(self._phases)
 
     def next(self) -> Trial | None:
-        done, design = len(self.answered), self._design
+        done, design, level = len(self.answered), self._design, self.track.level()
         if self._next is None and done < self.total:
-            number, kind = done - design.practice, self._kinds[done]
-            if number < 0:
-                self._next = design._trial(self._draws, (kind, design.easy_level()), done + 1, "practice", 0)
-            elif (level := self.track.level()) is not None:
-                block = 1 + number * design.blocks // design.trials
-                self._next = design._trial(self._draws, (kind, level), number + 1, "main", block)
+            phase = self._phases[done]
+            number, main = (self._phases[:done].count(x) for x in (phase, "main"))
+            block = (
+                0
+                if phase == "practice"
+                else 1 + min(main * design.blocks // design.trials, design.blocks - 1)
+            )
+            if phase == "practice" or level is not None:
+                at = level if phase == "main" and level is not None else design.easy_level()
+                kind = self._kinds[phase][number], at
+                self._next = design._trial(self._draws, kind, number + 1, phase, block)
         return self._next
 
     def answer(self, response: str) -> None:
@@ -142,6 +154,9 @@ class Staircase(Staircased):
         Most trials, without practice; a multiple of `blocks`.
     limit : float, optional
         Level farthest from 1; by default the square of `start`.
+    catch : int
+        Catch trials among the others, at the easy level, for the lapse rate; 5 to 10 % of `trials` will do.
+        They do not move the staircase.
     mode, hold, interval, practice, blocks
         As for `ComparisonDesign`.
 
@@ -197,6 +212,7 @@ class Staircase(Staircased):
     reversals: int = 8
     trials: int = 80
     limit: float | None = None
+    catch: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -217,6 +233,8 @@ class Staircase(Staircased):
         whole("discard", self.discard, at_least=0)
         whole("reversals", self.reversals, at_least=2, multiple=2, why=" (peaks and valleys in pairs)")
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
+        whole("catch", self.catch, at_least=0)
+        refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
         refuse(
             self.target <= self.chance,
             f"down and up_weight must aim above chance, 0.5, got {self.down} and {self.up_weight:g}, which aim "
@@ -488,6 +506,7 @@ class AdaptiveStaircase(Staircased):
     _: KW_ONLY
     levels: tuple[float, float] = (1.02, 2.0)
     trials: int = 60
+    catch: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -498,6 +517,8 @@ class AdaptiveStaircase(Staircased):
         )
         object.__setattr__(self, "levels", (near, far))
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
+        whole("catch", self.catch, at_least=0)
+        refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
 
     def easy_level(self) -> float:
         return self.levels[1]

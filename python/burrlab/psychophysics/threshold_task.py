@@ -49,6 +49,8 @@ class SubjectThreshold:
         None if nothing could be fitted.
     day : str
         Day on which the run began, UTC; empty if unknown.
+    catch : (float, int, int) or None
+        Of the catch trials, as in `levels`; None without.
     """
 
     subject: str
@@ -61,6 +63,7 @@ class SubjectThreshold:
     said: str
     estimate: Estimate | None
     day: str = ""
+    catch: tuple[float, int, int] | None = None
 
     @property
     def complete(self) -> bool:
@@ -197,9 +200,11 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
             threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
             interval = (low, high)
     car = None if subject.answers is None else subject.answers.side_car
+    caught = [row for row in subject.answers.rows if row.phase == "catch"] if subject.answers else []
+    catch = (caught[0].level or 1.0, sum(row.correct for row in caught), len(caught)) if caught else None
     return SubjectThreshold(
         subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate),
-        estimate, "" if car is None else car.started[:10],
+        estimate, "" if car is None else car.started[:10], catch,
     )  # fmt: skip
 
 

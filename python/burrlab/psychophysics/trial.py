@@ -9,7 +9,7 @@ from burrlab.bone.materials import constants_of
 from burrlab.psychophysics.rules import TaskName, one_of
 
 Mode: TypeAlias = Literal["probing", "drilling"]
-Phase: TypeAlias = Literal["practice", "main"]
+Phase: TypeAlias = Literal["practice", "main", "catch"]
 
 MODES: tuple[Mode, ...] = ("probing", "drilling")
 
@@ -56,7 +56,8 @@ class Trial:
     ----------
     number : int
         In its phase, from 1.
-    phase : {"practice", "main"}
+    phase : {"practice", "main", "catch"}
+        A catch trial stands among the main ones, is easy, and tells of lapses alone.
     block : int
         From 1; practice is block 0.
     trial_type : str
@@ -135,7 +136,11 @@ class TaskDesign(ABC):
         names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
         return {
             "design": self._kind,
-            **{key_of(name): _plain(getattr(self, name)) for name in (*names, *self._derived)},
+            **{
+                key_of(name): _plain(getattr(self, name))
+                for name in (*names, *self._derived)
+                if name != "catch" or getattr(self, name)  # so that orders without are what they were
+            },
         }
 
 

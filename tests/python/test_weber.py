@@ -19,7 +19,8 @@ from burrlab.psychophysics import (
     WeberFraction,
     analyse,
 )
-from burrlab.psychophysics.analysis import group_lines
+from burrlab.psychophysics.analysis import Analysis, group_lines
+from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 REFERENCES = np.geomspace(0.5, 8.0, 5)
 
@@ -135,13 +136,17 @@ def test_from_the_file_to_the_function(tmp_path):
 
 def test_catch_trials(tmp_path):
     """They are easy, spread, counted apart and leave the staircase's own trials as they are."""
-    made = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\ncatch = 4\nblocks = 2"))
+    made = protocol(
+        tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\ncatch = 4\nblocks = 2")
+    )
     run(made, "01", "up", lambda trial: trial.phase == "main" and trial.level > 1.2)
     (task,) = (task for task in analyse(made).tasks if task.name == "up")
     (subject,) = task.subjects
     assert (subject.catch, subject.complete) == ((2.0, 0, 4), True)
     assert "01: 0 of 4 catch trials right" in "\n".join(group_lines(task))
-    plain = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\nblocks = 2")).order("01", "up")
+    plain = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\nblocks = 2")).order(
+        "01", "up"
+    )
     while (trial := plain.next()) is not None:
         plain.answer(trial.correct if trial.level > 1.2 else {"first": "second"}.get(trial.correct, "first"))
     levels = Counter(trial.level for trial, _ in plain.answered)
@@ -150,6 +155,25 @@ def test_catch_trials(tmp_path):
     assert [phases[i : i + 11].count("catch") for i in range(0, 44, 11)] == [1, 1, 1, 1]
     with pytest.raises(ValueError, match="catch must be at most the 40 trials, got 41"):
         protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\ncatch = 41"))
+
+
+def test_what_a_device_could_not_render():
+    """Trials whose force was clipped are out of the Weber fraction, not out of the levels."""
+    levels, clipped = ((1.2, 9, 12), (1.5, 20, 20)), ((1.2, 3, 4), (1.5, 20, 20))
+    made = SubjectThreshold(
+        "01", True, 32, 32, levels, 1.2, None, "", None, clipped=clipped, catch=(2.0, 5, 5)
+    )
+    assert made.rendered() == [(1.2, 6, 8), (2.0, 5, 5)]
+    design = {"parameter": "c_e", "mode": "probing", "reference": {"c_e_N_per_mm2": 2.0}}
+    tasks = tuple(
+        ThresholdTask(name, design | {"reference": {"c_e_N_per_mm2": p0}}, 0.95, (made,), (), 0, 0, "")
+        for name, p0 in (("a", 1.0), ("b", 2.0))
+    )
+    (function,) = Analysis("", tasks, (), {}).sensitivity_functions()
+    assert function.fractions[0] == WeberFraction.of_levels(
+        made.rendered(), subject="01", reference=1.0, session="0"
+    )
+    assert "01: limits shortened the force in 24 trials" in "\n".join(group_lines(tasks[0]))
 
 
 def replayed(order):

@@ -189,6 +189,10 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
         shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in subject.levels)
         lines.append(f"{subject.subject}: {shares}")
     for subject in task.subjects:
+        if clipped := sum(trials for _, _, trials in subject.clipped):
+            lines.append(
+                f"{subject.subject}: limits shortened the force in {clipped} trials, which Weber fractions leave out"
+            )
         if subject.catch is not None:
             _, right, caught = subject.catch
             share = scipy.stats.binomtest(right, caught).proportion_ci(task.level)
@@ -287,7 +291,8 @@ class Analysis(InJson):
     def sensitivity_functions(self) -> tuple[SensitivityFunction, ...]:
         """Weber fractions along the references of tasks that vary one parameter in one way; often none.
 
-        Every threshold is fitted anew to all trials, at 75 % correct, whatever the design. Days on which a
+        Every threshold is fitted anew to all trials, at 75 % correct, whatever the design; without those that
+        the device could not render (`clipped`), which a line of the report counts. Days on which a
         subject's runs began are sessions. Above and below the references there are functions of their own.
         """
         rows: dict[tuple[str, str], list[WeberFraction]] = {}
@@ -295,14 +300,13 @@ class Analysis(InJson):
             if not isinstance(task, ThresholdTask) or "parameter" not in task.design:
                 continue
             parameter, design = task.design["parameter"], task.design
-            held = ", sinking speed held" * (design["hold"] == "sinking speed")
+            held = ", sinking speed held" * (design.get("hold") == "sinking speed")
             reference = design["reference"][{"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}[parameter]]
             for subject in task.subjects:
                 days = sorted({run.day for each in self.tasks if isinstance(each, ThresholdTask)
                                for run in each.subjects if run.subject == subject.subject})  # fmt: skip
                 for side in ("above", "below"):
-                    answered = (*subject.levels, *([subject.catch] if subject.catch else []))
-                    levels = [row for row in answered if (row[0] > 1.0) == (side == "above")]
+                    levels = [row for row in subject.rendered() if (row[0] > 1.0) == (side == "above")]
                     if levels:
                         name = f"{parameter} by {design['mode']}{held}, {side} the reference"
                         rows.setdefault((parameter, name), []).append(

@@ -281,6 +281,9 @@ class SimulatedSubject:
         Standard deviation of additional noise on the first interval's logarithms, from memory.
     known : (Cues, Cues), optional
         Cues of the task's two materials, as `taught` sets them.
+    floor : float
+        s0 of a cue m whose noise has the variance (w m)^2 + s0^2, in the cue's unit: weak cues are felt worse
+        than by Weber's law. The subject decides as if it were 0.
 
     Raises
     ------
@@ -315,6 +318,7 @@ class SimulatedSubject:
     lapse: float = LAPSE
     memory: float = 0.0
     known: tuple[Cues, Cues] | None = field(default=None, repr=False)
+    floor: float = 0.0
 
     def __post_init__(self) -> None:
         cues = tuple(self.cues)
@@ -342,6 +346,9 @@ class SimulatedSubject:
         refuse(
             not 0.0 <= self.memory < math.inf,
             f"memory must be zero or positive and finite, got {self.memory!r}",
+        )
+        refuse(
+            not 0.0 <= self.floor < math.inf, f"floor must be zero or positive and finite, got {self.floor!r}"
         )
         vars(self).update(cues=cues, weber={cue: float(fractions[cue]) for cue in cues})
 
@@ -402,7 +409,9 @@ class SimulatedSubject:
         )
         values = self._values(cues)
         lapse, choice = rng.random(2)
-        noise = rng.standard_normal(values.shape) * self._weber_array()
+        noise = rng.standard_normal(values.shape) * np.hypot(
+            self._weber_array(), self.floor * np.exp(-values)
+        )
         noise[0] += self.memory * rng.standard_normal(len(self.cues))
         if lapse < self.lapse:
             return ANSWERS[task][0 if choice < 0.5 else 1]
@@ -413,6 +422,7 @@ class SimulatedSubject:
         return {
             "cues": list(self.cues), "weber": dict(cast(Mapping[CueName, float], self.weber)), "decision": self.decision,
             "criterion_sd": self.criterion, "lapse": self.lapse, "memory": self.memory,
+            **({"floor": self.floor} if self.floor else {}),
         }  # fmt: skip
 
     def _decide(self, task: TaskName, x: Floats) -> str:

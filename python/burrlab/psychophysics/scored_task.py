@@ -28,6 +28,7 @@ from burrlab.psychophysics.sensitivity import (
     pair_checks,
     score_interval,
 )
+from burrlab.psychophysics.side_car import AnswerRow
 
 #: Subject -> counts, or task -> subject -> counts.
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
@@ -180,8 +181,6 @@ def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
 
 
 def _subject(answers: Answers) -> SubjectData:
-    answered = [(row.level, row.correct) for row in answers.main if row.level is not None]
-    trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
     return SubjectData(
         answers.subject,
         answers.counts() if answers.main else None,
@@ -189,9 +188,16 @@ def _subject(answers: Answers) -> SubjectData:
         if answers.trials is None
         else answers.trials - sum(int(_design(answers).get(x, 0)) for x in ("practice", "catch")),
         answers.simulated,
-        tuple((level, right[level], trials[level]) for level in sorted(trials)),
+        level_counts(answers.main),
         answers,
     )
+
+
+def level_counts(rows: Iterable[AnswerRow]) -> tuple[tuple[float, int, int], ...]:
+    """(level, correct answers, trials) of the rows that have a level, by level."""
+    answered = [(row.level, row.correct) for row in rows if row.level is not None]
+    trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
+    return tuple((level, right[level], trials[level]) for level in sorted(trials))
 
 
 def _design(answers: Answers) -> dict[str, Any]:

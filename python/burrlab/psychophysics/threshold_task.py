@@ -12,7 +12,14 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
 from burrlab.psychophysics.plots import of_subjects, room_for
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
-from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, shared
+from burrlab.psychophysics.scored_task import (
+    Progress,
+    SubjectData,
+    TaskData,
+    TaskResult,
+    level_counts,
+    shared,
+)
 from burrlab.psychophysics.staircase import (
     AdaptiveStaircase,
     ConstantStimuli,
@@ -21,6 +28,8 @@ from burrlab.psychophysics.staircase import (
     design_of_dict,
 )
 from burrlab.psychophysics.trial import TaskDesign
+
+_CLIPPED = 0.01  # share of an interval's ticks in contact
 
 Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
 
@@ -51,6 +60,8 @@ class SubjectThreshold:
         Day on which the run began, UTC; empty if unknown.
     catch : (float, int, int) or None
         Of the catch trials, as in `levels`; None without.
+    clipped : tuple of (float, int, int)
+        Those of `levels` in whose intervals limits shortened the force in more than 1 % of the ticks.
     """
 
     subject: str
@@ -64,11 +75,18 @@ class SubjectThreshold:
     estimate: Estimate | None
     day: str = ""
     catch: tuple[float, int, int] | None = None
+    clipped: tuple[tuple[float, int, int], ...] = ()
 
     @property
     def complete(self) -> bool:
         """Whether all planned trials were answered."""
         return self.planned is None or self.trials >= self.planned
+
+    def rendered(self) -> list[tuple[float, int, int]]:
+        """`levels` without what is `clipped`, then the catch trials."""
+        out = {level: (right, trials) for level, right, trials in self.clipped}
+        left = [(x, right - out.get(x, (0, 0))[0], n - out.get(x, (0, 0))[1]) for x, right, n in self.levels]
+        return [row for row in (*left, self.catch) if row is not None and row[2]]
 
 
 @dataclass(frozen=True)
@@ -201,10 +219,11 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
             interval = (low, high)
     car = None if subject.answers is None else subject.answers.side_car
     caught = [row for row in subject.answers.rows if row.phase == "catch"] if subject.answers else []
+    shortened = [row for row in rows if max((share or 0.0 for share in row.clipped), default=0.0) > _CLIPPED]
     catch = (caught[0].level or 1.0, sum(row.correct for row in caught), len(caught)) if caught else None
     return SubjectThreshold(
         subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate),
-        estimate, "" if car is None else car.started[:10], catch,
+        estimate, "" if car is None else car.started[:10], catch, level_counts(shortened),
     )  # fmt: skip
 
 

@@ -347,6 +347,7 @@ class SensitivityFunction:
         unknown: of 1/W or of the increment D, rising or falling. `style`: properties of the group's line.
         """
         ax = axes_or_new(ax)
+        ax.set(xscale="log", yscale="log")
         for i, (subject, line) in enumerate(self.lines.items()):
             rows = sorted(
                 (row for row in self.fractions if row.subject == subject), key=lambda row: row.reference
@@ -366,7 +367,7 @@ class SensitivityFunction:
             drawn = np.exp(-line[0, 0] - line[0, 1] * np.log(x[[0, -1]] / self.center))
             ax.plot(x[[0, -1]], drawn, **look, label="subjects" if i == 0 else None)
         references = [row.reference for row in self.fractions]
-        span = np.geomspace(min(references), max(references), 40)
+        span = np.geomspace(min(references), max(references), 200)
         w, low, high = np.array([self.fraction_at(float(p0)) for p0 in span]).T
         look = styled(style, color=VELOCITY, linewidth=1.8)
         ax.plot(span, 1.0 / w, **({"label": f"group, slope {-self.slope.mean:.2f}"} | look))
@@ -375,12 +376,14 @@ class SensitivityFunction:
         bottom, top = ax.get_ylim()
         exponent, middle = PUBLISHED_EXPONENTS[self.parameter], 1.0 / self.fraction_at(self.center)[0]
         for slope in (exponent, -exponent, 1.0 - exponent, 1.0 + exponent):
-            ax.plot(span, middle * (span / self.center) ** slope, ":", color="0.6", linewidth=0.9, zorder=0)
+            reading = middle * (span / self.center) ** slope
+            shown = (bottom <= reading) & (reading <= top)
+            ax.plot(span[shown], reading[shown], ":", color="0.6", linewidth=0.9, zorder=0)
         ax.plot(
             [], [], ":", color="0.6", label=f"published exponent {exponent:g},\ndefinition unknown, no level"
         )
         unit = UNITS[self.parameter]
-        ax.set(xscale="log", yscale="log", xlabel=f"{self.parameter} of the reference [{unit}]", ylim=(bottom, top),
+        ax.set(xlabel=f"{self.parameter} of the reference [{unit}]", ylim=(bottom, top),
                ylabel=f"sensitivity 1/W [1], {100 * self.confidence:g} % band", title=self.name)  # fmt: skip
         ax.legend(fontsize=7)
         return ax

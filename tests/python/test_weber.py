@@ -3,12 +3,13 @@
 import itertools
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from answer_scenes import SMALL, protocol, run
 from scipy.special import ndtr
-from scipy.stats import binom
+from scipy.stats import binom, linregress, norm, t, ttest_1samp
 
 import burrlab
 from burrlab.psychophysics import (
@@ -54,6 +55,49 @@ def test_beside_lmer(seed, between, lmer):
     assert slope.subjects - 1 == pytest.approx(freedom, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("seed", "between", "estimate", "error"),
+    [(3, 0.4, -0.45302368, 0.24224201), (4, 0.2, -0.36887706, 0.10799310)],
+)
+def test_beside_lmer_with_sessions(seed, between, estimate, error):
+    """As above with `+ session`, where the session changes with the reference: the slopes' errors are shared."""
+    rows = group(np.random.default_rng(seed), between=between)
+    slope = SensitivityFunction.of([replace(row, session=str(row.reference > 3.0)) for row in rows]).slope
+    assert slope.mean == pytest.approx(estimate, abs=0.02 * error)
+    assert slope.error == pytest.approx(error, rel=0.005)
+
+
+def test_alike_subjects_have_students_interval():
+    """Where all errors are alike the interval is that of the plain slopes; a subject's is that of his own line."""
+    rows = [replace(row, error=0.2) for row in group(np.random.default_rng(5), error=0.2)]
+    function, x = SensitivityFunction.of(rows), np.log(REFERENCES)
+    lines = [linregress(x, np.log([row.fraction for row in rows[i : i + 5]])) for i in range(0, 40, 5)]
+    plain = ttest_1samp([line.slope for line in lines], 0.0)
+    assert function.slope.interval == pytest.approx(tuple(plain.confidence_interval()))
+    assert function.slope.p_value() == pytest.approx(plain.pvalue)
+    single = SensitivityFunction.of(rows[:5])
+    wide = t.ppf(0.975, 3) * lines[0].stderr
+    assert single.slope_of("0") == pytest.approx(
+        (lines[0].slope, lines[0].slope - wide, lines[0].slope + wide)
+    )
+    with pytest.raises(ValueError, match="subject must be one of 0, got '1'"):
+        single.slope_of("1")
+    with pytest.raises(ValueError, match=r"level must be in \[0.5, 1\), got 1.5"):
+        SensitivityFunction.of(rows, level=1.5)
+    with pytest.raises(ValueError, match="parameter must be one of c_e, alpha, got 'k'"):
+        SensitivityFunction.of(rows, "k")
+
+
+def test_a_singular_fit_is_told():
+    """Two slopes that are equal by chance are known no better than their errors tell."""
+    function = SensitivityFunction.of([WeberFraction(x, p0, 0.2, 0.1) for x in "ab" for p0 in (1.0, 2.0)])
+    wide = norm.ppf(0.975) * 0.1 * math.sqrt(2.0) / math.log(2.0) / math.sqrt(2.0)
+    assert function.slope.interval == pytest.approx((-wide, wide))
+    assert function.slope.between == 0.0
+    assert "no more than their errors do: a singular fit" in str(function)
+    assert "curvature: not known without three references of a subject" in str(function)
+
+
 def test_exact_lines_and_sessions():
     """Without noise slopes come back whatever the sessions add; where they cannot be told, it says so."""
     shift = {"1": 0.0, "2": 0.3}
@@ -67,7 +111,7 @@ def test_exact_lines_and_sessions():
     assert (function.slope.mean, function.slope.between) == pytest.approx(
         (0.0, np.std((-0.5, 0.1, 0.4), ddof=1))
     )
-    assert [function.lines[x][0, 1] for x in "012"] == pytest.approx([-0.5, 0.1, 0.4])
+    assert [function.lines[x][1] for x in "012"] == pytest.approx([-0.5, 0.1, 0.4])
     assert (function.sessions, function.curvature.mean) == pytest.approx((2, 0.0), abs=1e-9)
     alone = SensitivityFunction.of(
         [WeberFraction("0", r.reference, r.fraction, 0.1, f"{k}") for k, r in enumerate(rows[:5])]
@@ -91,11 +135,14 @@ def test_what_is_left_out():
     assert function.left_out == odd
     assert function.slope == SensitivityFunction.of(rows).slope
     assert (
-        "left out, as the threshold may lie beyond the levels or nothing is beside it: 0 at 16, lonely at 1"
+        "2 of 42 left out, as the threshold may lie beyond the levels or nothing is beside it: 0 at 16, lonely at 1"
         in str(function)
     )
-    with pytest.raises(ValueError, match="a subject with two references or more, got none"):
-        SensitivityFunction.of(odd)
+    rounded = WeberFraction("0", 0.1 + 0.2, 0.2, 0.1), WeberFraction("0", 0.3, 0.2, 0.1)
+    for few in (odd, rounded):
+        with pytest.raises(ValueError, match="a subject with two references or more, got none"):
+            SensitivityFunction.of(few)
+    assert WeberFraction("0", 1.0, 0.9, math.inf, open=True).open
     with pytest.raises(ValueError, match="fraction must be above 0 and finite, got 0"):
         WeberFraction("0", 1.0, 0.0, 0.1)
     with pytest.raises(ValueError, match="levels must lie on one side of 1, got 2 on 2 sides"):
@@ -188,21 +235,49 @@ def binomial_limits(held, sets):
     return binom.ppf(0.001, sets, 0.95) <= held <= binom.ppf(0.999, sets, 0.97)
 
 
+def slopes_held(slope, subjects, between, sets, random, nested=False):
+    """How many groups' intervals hold the slope; the error of the mean; a line of these figures."""
+    means = []
+    for _ in range(sets):
+        day, rows = 0.3 * random.normal(), group(random, slope, between, subjects)
+        if nested:
+            rows = [replace(r, fraction=r.fraction * math.exp(day * (r.reference > 3.0)), session=str(r.reference > 3.0))
+                    for r in rows]  # fmt: skip
+        means.append(SensitivityFunction.of(rows).slope)
+    held = sum(x.interval[0] <= slope <= x.interval[1] for x in means)
+    bias = float(np.mean([x.mean for x in means])) - slope
+    half = float(np.median([x.interval[1] - x.mean for x in means]))
+    return (
+        held,
+        bias,
+        (
+            f"slope {slope:+g}, {subjects} subjects, sd {between}: held {100 * held / sets:.1f} %, bias {bias:+.3f}, "
+            f"half width {half:.2f}"
+        ),
+    )
+
+
+def test_the_slope_is_held_in_a_few_groups():
+    held, bias, line = slopes_held(1.0, 6, 0.2, 300, np.random.default_rng(7))
+    assert binom.ppf(5e-7, 300, 0.95) <= held, line
+    assert abs(bias) < 0.05, line
+
+
 @pytest.mark.slow
-def test_how_often_the_slope_is_held():
+@pytest.mark.parametrize("nested", [False, True], ids=["no sessions", "nested sessions"])
+def test_how_often_the_slope_is_held(nested):
+    """Shared effects of sessions that go with the references make the interval hold more often, never less."""
     sets, total = 2000, 0
-    lines = list(itertools.product((-1.0, 0.0, 1.0), (6, 10, 20), (0.2, 0.4)))
+    cases = list(itertools.product((0.0,) if nested else (-1.0, 0.0, 1.0), (6, 10, 20), (0.2, 0.4)))
     random = np.random.default_rng(1)
-    for slope, subjects, between in lines:
-        found = [SensitivityFunction.of(group(random, slope, between, subjects)).slope for _ in range(sets)]
-        held = sum(x.interval[0] <= slope <= x.interval[1] for x in found)
-        bias = float(np.mean([x.mean for x in found])) - slope
-        half = float(np.median([x.interval[1] - x.mean for x in found]))
-        print(f"slope {slope:+g}, {subjects} subjects, sd {between}: held {100 * held / sets:.1f} %, bias {bias:+.3f}, "
-              f"half width {half:.2f}")  # fmt: skip
+    for slope, subjects, between in cases:
+        held, bias, line = slopes_held(slope, subjects, between, sets, random, nested)
+        print(line)
         assert abs(bias) < 0.05
         total += held
-    assert binomial_limits(total, sets * len(lines)), total
+    sets *= len(cases)
+    most = sets if nested else binom.ppf(1.0 - 5e-7, sets, 0.95)
+    assert binom.ppf(5e-7, sets, 0.95) <= total <= most, total
 
 
 def answered(design, threshold, bias, random):

@@ -21,6 +21,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import p_text
 from burrlab.psychophysics.designs import UNITS
+from burrlab.psychophysics.group import check_level
 from burrlab.psychophysics.psychometric import ThresholdPosterior, threshold_of
 from burrlab.psychophysics.rules import Floats
 
@@ -68,7 +69,7 @@ class WeberFraction:
     fraction : float
         W = |p - p0|/p0 [1].
     error : float
-        Standard error of ln W.
+        Standard error of ln W; infinite if unknown, for open fractions only.
     session : str
         Names the session among the subject's own; empty if they are not told apart.
     open : bool
@@ -86,7 +87,7 @@ class WeberFraction:
         for name in ("reference", "fraction", "error"):
             number = getattr(self, name)
             refuse(
-                not (math.isfinite(number) and number > 0.0),
+                not (number > 0.0 and (number < math.inf or (self.open and name == "error"))),
                 f"{name} must be above 0 and finite, got {number}",
             )
 
@@ -130,10 +131,12 @@ _Z = 1.959963984540054  # of a 95 % interval
 
 @dataclass(frozen=True)
 class GroupMean:
-    """A mean over subjects, each known with an error of its own.
+    """A mean over subjects, each known with an error of its own; errors may be correlated.
 
-    The variance between subjects is Paule and Mandel's; the interval is by t with a degree of freedom less
-    than subjects.
+    Weights are those of the variance between subjects by Paule and Mandel, the interval is Hartung and
+    Knapp's: by t with a degree of freedom less than subjects. Where all subjects are known equally well and
+    independently, this is the t interval of their plain mean. It is never shorter than the normal interval by
+    the subjects' errors alone.
 
     Attributes
     ----------
@@ -145,6 +148,12 @@ class GroupMean:
     between : float
         Standard deviation between subjects; 0 if they differ by no more than their errors.
     subjects : int
+
+    References
+    ----------
+    R. C. Paule, J. Mandel, Consensus values and weighting factors, J. Res. Natl. Bur. Stand. 87 (1982) 377-385.
+    J. Hartung, G. Knapp, On tests of the overall treatment effect in meta-analysis with normally distributed
+    responses, Stat. Med. 20 (2001) 1771-1782.
     """
 
     mean: float
@@ -154,21 +163,25 @@ class GroupMean:
     subjects: int
 
     @classmethod
-    def of(cls, estimates: Sequence[float], errors: Sequence[float], level: float) -> "GroupMean":
-        x, within = np.asarray(estimates, dtype=np.float64), np.square(np.asarray(errors, dtype=np.float64))
-        n = len(x)
+    def of(cls, estimates: Sequence[float] | Floats, covariance: Floats, level: float) -> "GroupMean":
+        """The mean of estimates whose errors have this covariance, shape (subjects, subjects)."""
+        x, freedom = np.asarray(estimates, dtype=np.float64), len(estimates) - 1
 
         def mean_with(between: float) -> tuple[float, float, float]:
-            weights = 1.0 / (within + between)
-            mean = float(weights @ x / weights.sum())
-            return mean, float(weights @ (x - mean) ** 2) - (n - 1), float(weights.sum() ** -0.5)
+            weights = np.linalg.inv(covariance + between * np.eye(len(x)))
+            mean = float(weights.sum(axis=0) @ x / weights.sum())
+            return mean, float((x - mean) @ weights @ (x - mean)), float(weights.sum() ** -0.5)
 
-        variance, most = 0.0, n * float(np.ptp(x)) ** 2
-        if n > 1 and mean_with(0.0)[1] > 0.0:
-            variance = float(scipy.optimize.brentq(lambda v: mean_with(v)[1], 0.0, most))
-        mean, _, error = mean_with(variance)
-        wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, n - 1)) * error if n > 1 else math.inf
-        return cls(mean, error, (mean - wide, mean + wide), math.sqrt(variance), n)
+        variance, most = 0.0, len(x) * float(np.ptp(x)) ** 2
+        if freedom and mean_with(0.0)[1] > freedom:
+            variance = float(scipy.optimize.brentq(lambda v: mean_with(v)[1] - freedom, 0.0, most))
+        mean, misfit, error = mean_with(variance)
+        wide = math.inf
+        if freedom:
+            t, normal = (float(scipy.stats.t.ppf(0.5 + 0.5 * level, x)) for x in (freedom, math.inf))
+            error *= max(math.sqrt(misfit / freedom), normal / t)  # by 1 unless the variance is 0
+            wide = t * error
+        return cls(mean, error, (mean - wide, mean + wide), math.sqrt(variance), len(x))
 
     def p_value(self) -> float:
         """Of the hypothesis that the mean is 0, two-sided; 1 for one subject."""
@@ -193,8 +206,8 @@ class SensitivityFunction:
     """Weber fractions of subjects along references: ln W = level + slope ln(p0/center).
 
     Each subject has a level and a slope of his own, by least squares with weights 1/error^2; sessions have
-    effects that all subjects share. The scatter about these lines sets the scale of the errors. The group's
-    values are means over the subjects.
+    effects that all subjects share. The scatter about these lines, pooled, sets the scale of the errors, as
+    weights do in lmer. The group's values are means over the subjects, whose errors the sessions correlate.
 
     Attributes
     ----------
@@ -206,20 +219,20 @@ class SensitivityFunction:
     center : float
         Geometric mean of the references used [N/mm^2 or 1/ms].
     lines : mapping of str to ndarray
-        Each subject's level and slope at `center`, then their covariance: 3 rows of 2.
+        Each subject's level and slope at `center`.
+    covariance : ndarray, shape (subjects, 2, subjects, 2)
+        Of the errors of all levels and slopes.
     slope, level, curvature : GroupMean
         Group's means: slope of ln W on ln p0, ln W at the center, and second derivative (None without three
         references a subject).
     scale : float
         Scatter about the lines over the errors; 1 without degrees of freedom.
+    freedom : int
+        Degrees of freedom of the scatter.
     sessions : int
         Sessions with effects of their own; 1 if their effects cannot be told from the slopes.
     confidence : float
         Of all intervals.
-
-    References
-    ----------
-    R. C. Paule, J. Mandel, Consensus values and weighting factors, J. Res. Natl. Bur. Stand. 87 (1982) 377-385.
     """
 
     parameter: str
@@ -228,10 +241,12 @@ class SensitivityFunction:
     left_out: tuple[WeberFraction, ...]
     center: float
     lines: Mapping[str, Floats]
+    covariance: Floats
     slope: GroupMean
     level: GroupMean
     curvature: GroupMean | None
     scale: float
+    freedom: int
     sessions: int
     confidence: float
 
@@ -253,12 +268,12 @@ class SensitivityFunction:
         name : str
             In words, for the report; by default the parameter.
         level : float
-            Of the intervals.
+            Of the intervals, in [0.5, 1).
 
         Raises
         ------
         ValueError
-            If no subject has two references.
+            If no subject has two references, or the parameter or the level is none of the above.
 
         Examples
         --------
@@ -266,28 +281,39 @@ class SensitivityFunction:
         >>> f"{SensitivityFunction.of(rows).slope.mean:.2f}"
         '-0.50'
         """
+        check_level(level)
+        refuse(parameter not in UNITS, f"parameter must be one of {', '.join(UNITS)}, got {parameter!r}")
         rows = list(fractions)
         used = usable(rows)
         refuse(not used, "fractions must hold a subject with two references or more, got none")
         center = math.exp(float(np.mean(np.log([row.reference for row in used]))))
-        lines, scale, sessions = _regression(used, center, 1)
+        lines, covariance, freedom, scale, sessions = _regression(used, center, 1)
         levels, slopes = (
-            GroupMean.of(
-                [line[0, i] for line in lines.values()],
-                [line[1 + i, i] ** 0.5 for line in lines.values()],
-                level,
-            )
-            for i in (0, 1)
+            GroupMean.of([line[i] for line in lines.values()], covariance[:, i, :, i], level) for i in (0, 1)
         )
         curved, curvature = usable(rows, 3), None
         if curved:
-            parabolas = _regression(curved, center, 2)[0].values()
-            bends = [2.0 * line[0, 2] for line in parabolas], [2.0 * line[3, 2] ** 0.5 for line in parabolas]
-            curvature = GroupMean.of(*bends, level)
+            parabolas, errors, *_ = _regression(curved, center, 2)
+            bends = [2.0 * line[2] for line in parabolas.values()]
+            curvature = GroupMean.of(bends, 4.0 * errors[:, 2, :, 2], level)
         return cls(
             parameter, name or parameter, tuple(used), tuple(row for row in rows if row not in used), center, lines,
-            slopes, levels, curvature, scale, sessions, level,
+            covariance, slopes, levels, curvature, scale, freedom, sessions, level,
         )  # fmt: skip
+
+    def slope_of(self, subject: str) -> tuple[float, float, float]:
+        """A subject's own slope, and its interval by t with `freedom` degrees, normal with none.
+
+        Raises
+        ------
+        ValueError
+            If the subject is not in the function.
+        """
+        refuse(subject not in self.lines, f"subject must be one of {', '.join(self.lines)}, got {subject!r}")
+        place, slope = list(self.lines).index(subject), float(self.lines[subject][1])
+        quantile = scipy.stats.t.ppf(0.5 + 0.5 * self.confidence, self.freedom or math.inf)
+        wide = float(quantile * self.covariance[place, 1, place, 1] ** 0.5)
+        return slope, slope - wide, slope + wide
 
     def difference(self, other: "SensitivityFunction") -> GroupMean:
         """This slope less another's, over the subjects in both.
@@ -299,20 +325,18 @@ class SensitivityFunction:
         """
         both = [subject for subject in self.lines if subject in other.lines]
         refuse(not both, "other must hold a subject of this function, got none")
-        pairs = [(self.lines[subject], other.lines[subject]) for subject in both]
-        return GroupMean.of(
-            [a[0, 1] - b[0, 1] for a, b in pairs],
-            [(a[2, 1] + b[2, 1]) ** 0.5 for a, b in pairs],
-            self.confidence,
-        )
+        covariance: Floats = np.zeros((len(both), len(both)))
+        for function in (self, other):
+            places = [list(function.lines).index(subject) for subject in both]
+            covariance += function.covariance[:, 1, :, 1][np.ix_(places, places)]
+        slopes = [float(self.lines[subject][1] - other.lines[subject][1]) for subject in both]
+        return GroupMean.of(slopes, covariance, self.confidence)
 
     def fraction_at(self, reference: float) -> tuple[float, float, float]:
         """The group's W at a reference p0, and its interval."""
         at = np.array([1.0, math.log(reference / self.center)])
-        group = GroupMean.of(
-            [float(line[0] @ at) for line in self.lines.values()],
-            [math.sqrt(at @ line[1:] @ at) for line in self.lines.values()], self.confidence,
-        )  # fmt: skip
+        logarithms = [float(line @ at) for line in self.lines.values()]
+        group = GroupMean.of(logarithms, np.einsum("iajb,a,b->ij", self.covariance, at, at), self.confidence)
         mean, low, high = (math.exp(min(x, 700.0)) for x in (group.mean, *group.interval))
         return mean, low, high
 
@@ -325,9 +349,14 @@ class SensitivityFunction:
             "intervals by t, the subject as the unit",
             f"slope of ln W on ln {self.parameter}: {self.slope}; 0 is Weber's law, p = {p_text(self.slope.p_value())}",
             f"W at {self.center:.3g} {unit}: {w}",
-        ]
+            "slopes: " + ", ".join(
+                "{} {:.2f} ({:.2f} to {:.2f})".format(subject, *self.slope_of(subject)) for subject in self.lines
+            ),
+            f"scatter about the lines: {self.scale:.2f} times the errors ({self.freedom} degrees of freedom)",
+            "curvature: not known without three references of a subject",
+        ]  # fmt: skip
         if self.curvature is not None:
-            lines.append(
+            lines[-1] = (
                 f"curvature: {self.curvature}; 0 is a power law, p = {p_text(self.curvature.p_value())}"
             )
         if self.sessions < len({row.session for row in self.fractions}):
@@ -335,7 +364,8 @@ class SensitivityFunction:
         if self.left_out:
             rows = ", ".join(f"{row.subject} at {row.reference:.3g}" for row in self.left_out)
             lines.append(
-                f"left out, as the threshold may lie beyond the levels or nothing is beside it: {rows}"
+                f"{len(self.left_out)} of {len(self.left_out) + len(self.fractions)} left out, as the threshold may lie "
+                f"beyond the levels or nothing is beside it: {rows}"
             )
         return "\n".join(lines)
 
@@ -364,7 +394,7 @@ class SensitivityFunction:
                 elinewidth=0.6,
                 **look,
             )
-            drawn = np.exp(-line[0, 0] - line[0, 1] * np.log(x[[0, -1]] / self.center))
+            drawn = np.exp(-line[0] - line[1] * np.log(x[[0, -1]] / self.center))
             ax.plot(x[[0, -1]], drawn, **look, label="subjects" if i == 0 else None)
         references = [row.reference for row in self.fractions]
         span = np.geomspace(min(references), max(references), 200)
@@ -435,18 +465,18 @@ def subjects_for_slope(
 
 
 def usable(fractions: Iterable[WeberFraction], references: int = 2) -> list[WeberFraction]:
-    """The fractions that are not open, of subjects with so many references or more."""
+    """The fractions that are not open, of subjects with so many references or more, alike to nine digits."""
     closed = [row for row in fractions if not row.open]
-    known: dict[str, set[float]] = {}
+    known: dict[str, set[str]] = {}
     for row in closed:
-        known.setdefault(row.subject, set()).add(row.reference)
+        known.setdefault(row.subject, set()).add(f"{row.reference:.9g}")
     return [row for row in closed if len(known[row.subject]) >= references]
 
 
 def _regression(
     rows: Sequence[WeberFraction], center: float, degree: int
-) -> tuple[dict[str, Floats], float, int]:
-    """Each subject's polynomial of ln W in ln(p0/center), its covariance below; scale of the errors; sessions."""
+) -> tuple[dict[str, Floats], Floats, int, float, int]:
+    """Subjects' polynomials of ln W in ln(p0/center), covariance, degrees of freedom, scale of errors, sessions."""
     subjects, sessions = (sorted({getattr(row, name) for row in rows}) for name in ("subject", "session"))
     design = np.zeros((len(rows), len(subjects), degree + 1))
     for line, row in zip(design, rows, strict=True):
@@ -455,14 +485,13 @@ def _regression(
     shared = np.array([[float(row.session == session) for session in sessions[1:]] for row in rows])
     weights = 1.0 / np.array([row.error for row in rows])
     matrix = np.hstack([own, shared]) * weights[:, None]
-    if (rank := int(np.linalg.matrix_rank(matrix))) < matrix.shape[1]:
+    if len(sessions) > 1 and int(np.linalg.matrix_rank(matrix)) < matrix.shape[1]:
         return _regression([replace(row, session="") for row in rows], center, degree)
     weighted = np.log([row.fraction for row in rows]) * weights
     coefficients = np.linalg.lstsq(matrix, weighted)[0]
-    free, misfit = len(rows) - rank, matrix @ coefficients - weighted
-    variance = max(float(misfit @ misfit) / free, _LEAST) if free else 1.0
-    covariance = np.linalg.inv(matrix.T @ matrix) * variance
-    size = degree + 1
-    places = {subject: slice(i * size, (i + 1) * size) for i, subject in enumerate(subjects)}
-    lines = {name: np.vstack([coefficients[at], covariance[at, at]]) for name, at in places.items()}
-    return lines, math.sqrt(variance), len(sessions)
+    freedom, misfit = len(rows) - matrix.shape[1], matrix @ coefficients - weighted
+    variance = max(float(misfit @ misfit) / freedom, _LEAST) if freedom else 1.0
+    size, shape = own.shape[1], design.shape[1:]
+    covariance = np.linalg.inv(matrix.T @ matrix)[:size, :size].reshape(*shape, *shape) * variance
+    lines = dict(zip(subjects, coefficients[:size].reshape(shape), strict=True))
+    return lines, covariance, freedom, math.sqrt(variance), len(sessions)

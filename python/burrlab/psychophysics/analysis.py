@@ -38,8 +38,7 @@ from burrlab.psychophysics.scored_task import (
     SubjectResult,
     TaskData,
     design_text,
-    of_answers,
-    of_counts,
+    tasks_of,
     with_selection,
 )
 from burrlab.psychophysics.sensitivity import DPrime
@@ -486,17 +485,9 @@ def analyse(
         ThresholdTask.of_data(task, **options)
         if any(subject.levels for subject in task.subjects)
         else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **options)
-        for task in [_selected(task, subjects, selected_from, selected_by) for task in tasks]
+        for task in [task.select(subjects, selected_from, selected_by) for task in tasks]
     )
     return Analysis(name, results, tuple(notes), json_mapping(origin))
-
-
-def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
-    rows = ExperimentFolder(folder, "").participants().items()
-    selected_by = {
-        subject: row["selected_by"] for subject, row in rows if row.get("selected_by", NOTHING) != NOTHING
-    }
-    return with_selection(of_answers(read_folder(folder)), selected_by)
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
@@ -523,8 +514,7 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
     before: dict[str, list[str]] = {}
     for task in tasks:
         for subject in task.subjects:
-            car = None if subject.answers is None else subject.answers.side_car
-            was = None if car is None else car.protocol.get("analysis", {}).get("delta")
+            was = subject.protocol.get("analysis", {}).get("delta")
             if was != delta:
                 runs = before.setdefault("none" if was is None else f"{was:g}", [])
                 runs.append(f"{subject.subject} of {task.name}")
@@ -549,42 +539,24 @@ def _settled(
     return replace(settings, **{name: value for name, value in overrides.items() if value is not None})
 
 
-def _selected(
-    task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
-) -> TaskData:
-    known = [subject.subject for subject in task.subjects]
-    text = isinstance(subjects, str)
-    refuse(text, f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}", TypeError)
-    unknown = [name for name in subjects or () if name not in known]
-    refuse(
-        unknown or subjects == [],
-        f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}",
-    )
-    chosen = task.select(subjects, selected_from or 0, selected_by)
-    refuse(
-        selected_from is not None and selected_from < len(chosen.subjects),
-        f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got "
-        f"{selected_from}",
-    )
-    return chosen
-
-
 def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
     """The experiment's name, empty for answers or counts, and its tasks."""
-    if isinstance(data, Protocol):
-        return data.name, sorted(
-            _of_folder(data.folder), key=lambda task: (*data.tasks, task.name).index(task.name)
+    if not isinstance(data, (Protocol, str, os.PathLike)):
+        refuse(
+            isinstance(data, Counts) or not isinstance(data, Iterable),
+            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}",
+            TypeError,
         )
-    if isinstance(data, (str, os.PathLike)):
-        return Path(data).resolve().name, _of_folder(data)
-    if isinstance(data, Mapping):
-        return "", of_counts(data, simulated=simulated)
-    refuse(
-        isinstance(data, Counts) or not isinstance(data, Iterable),
-        f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}",
-        TypeError,
-    )
-    return "", of_answers(data)
+        return "", tasks_of(data, simulated=simulated)
+    folder = data.folder if isinstance(data, Protocol) else Path(data)
+    rows = ExperimentFolder(folder, "").participants().items()
+    selected_by = {
+        subject: row["selected_by"] for subject, row in rows if row.get("selected_by", NOTHING) != NOTHING
+    }
+    tasks = with_selection(tasks_of(read_folder(folder)), selected_by)
+    if isinstance(data, Protocol):
+        return data.name, sorted(tasks, key=lambda task: (*data.tasks, task.name).index(task.name))
+    return folder.resolve().name, tasks
 
 
 def _notes_on_trials(tasks: Iterable[TaskData]) -> list[str]:

@@ -75,6 +75,11 @@ class Answers(table.Tabular):
         return self.side_car is not None and self.side_car.simulated is not None
 
     @property
+    def design(self) -> Mapping[str, Any]:
+        """The design's `to_dict`; empty if the file does not say."""
+        return {} if self.side_car is None else self.side_car.design
+
+    @property
     def trials(self) -> int | None:
         """Trials of the run, practice included (a staircase's maximum); None if the file does not say."""
         return None if self.side_car is None else self.side_car.trials

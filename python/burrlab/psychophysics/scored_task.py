@@ -64,6 +64,12 @@ class SubjectData:
     answers: Answers | None = field(default=None, compare=False)
 
     @property
+    def protocol(self) -> Mapping[str, Any]:
+        """The protocol of the run, as JSON; empty if unknown."""
+        car = None if self.answers is None else self.answers.side_car
+        return {} if car is None else car.protocol
+
+    @property
     def trials(self) -> int:
         """Answered trials."""
         return 0 if self.counts is None else self.counts.trials
@@ -101,83 +107,90 @@ class TaskData:
     selected_by: str = ""
     chosen: int = 0
 
-    def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> "TaskData":
-        """The task with these subjects only, by default all; `pool` becomes `of`, if known."""
+    def select(self, subjects: Sequence[str] | None, selected_from: int | None, by: str) -> "TaskData":
+        """The task with these subjects only, by default all; `selected_from` becomes `of`, if known."""
+        known = [subject.subject for subject in self.subjects]
+        text = isinstance(subjects, str)
+        refuse(
+            text, f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}", TypeError
+        )
+        unknown = [name for name in subjects or () if name not in known]
+        refuse(
+            unknown or subjects == [],
+            f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}",
+        )
         selected = tuple(
             subject for subject in self.subjects if subjects is None or subject.subject in subjects
         )
-        of = pool or self.of or (len(self.subjects) if len(selected) < len(self.subjects) else 0)
+        refuse(
+            selected_from is not None and selected_from < len(selected),
+            f"selected_from must be at least the {len(selected)} subjects of task {self.name}, got "
+            f"{selected_from}",
+        )
+        of = selected_from or self.of or (len(known) if len(selected) < len(known) else 0)
         # A part of the selected subjects keeps the number that was selected.
         return replace(
             self,
             subjects=selected,
             of=of if of > len(selected) else 0,
             selected_by=by or self.selected_by,
-            chosen=(self.chosen or len(self.subjects)) if self.of and not pool else 0,
+            chosen=(self.chosen or len(known)) if self.of and not selected_from else 0,
         )
 
 
-def of_answers(runs: Iterable[Answers]) -> list[TaskData]:
-    """The tasks in files of answers, in order of appearance.
+def tasks_of(
+    runs: Iterable[Answers] | CountsBySubject | CountsByTask, *, simulated: bool = False
+) -> list[TaskData]:
+    """The tasks in answers, in order of appearance, or in a mapping, by name.
 
     Raises
     ------
     ValueError
-        If a task has two kinds or designs, or a subject has it twice.
+        If there is no subject, a task has two kinds or designs, or a subject has it twice.
     TypeError
-        If an item is not Answers.
+        If an item is neither Answers nor, in a mapping, Counts.
     """
-    tasks: dict[str, TaskData] = {}
-    for answers in runs:
+    by_task: dict[str, dict[str, Counts | Answers]] = {}
+    if isinstance(runs, Mapping):
+        refuse(not runs, "data must hold a subject, got none")
+        nested = all(isinstance(subjects, Mapping) for subjects in runs.values())
+        by_task = cast(Any, runs if nested else {"": runs})
+    for answers in () if isinstance(runs, Mapping) else runs:
         refuse(
             not isinstance(answers, Answers),
             f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}",
             TypeError,
         )
-        task = tasks.setdefault(answers.name, TaskData(answers.name, answers.task, (), _design(answers)))
-        names = [other.subject for other in task.subjects]
-        refuse(
-            (task.task, task.design) != (answers.task, _design(answers)),
-            f"task {answers.name} of subject {answers.subject} has another design than that of subject "
-            f"{''.join(names[:1])}",
-        )
-        refuse(answers.subject in names, f"subject {answers.subject} has task {answers.name} twice")
-        tasks[answers.name] = replace(task, subjects=(*task.subjects, _subject(answers)))
-    return list(tasks.values())
+        subjects = by_task.setdefault(answers.name, {})
+        refuse(answers.subject in subjects, f"subject {answers.subject} has task {answers.name} twice")
+        subjects[answers.subject] = answers
+    return [_task(str(name), subjects, simulated) for name, subjects in by_task.items()]
 
 
-def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) -> list[TaskData]:
-    """The tasks in a mapping, by name.
-
-    Raises
-    ------
-    ValueError
-        If the mapping is empty, or a task has two kinds or designs.
-    TypeError
-        If a value is neither Counts nor Answers.
-    """
-    refuse(not data, "data must hold a subject, got none")
-    if all(isinstance(value, Mapping) for value in data.values()):
-        tasks = cast(CountsByTask, data)
-        return [_of_one(str(name), subjects, simulated) for name, subjects in tasks.items()]
-    return [_of_one("", cast(CountsBySubject, data), simulated)]
-
-
-def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
+def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
     refuse(not subjects, f"task {name} must hold a subject, got none")
-    group: list[SubjectData] = []
-    for subject, value in subjects.items():
-        if isinstance(value, Answers):
-            group.append(replace(_subject(value), subject=str(subject)))
-        elif isinstance(value, Counts):
-            group.append(SubjectData(str(subject), value, simulated=simulated))
-        else:
-            raise TypeError(f"subject {subject} must have Counts or Answers, got {type(value).__name__}")
-    task, *others = dict.fromkeys(value.task for value in subjects.values())
+    for subject, source in subjects.items():
+        refuse(
+            not isinstance(source, (Counts, Answers)),
+            f"subject {subject} must have Counts or Answers, got {type(source).__name__}",
+            TypeError,
+        )
+    task, *others = dict.fromkeys(source.task for source in subjects.values())
     refuse(others, f"task {name} must be of one kind, got {', '.join(sorted([task, *others]))}")
-    designs = [_design(value) for value in subjects.values() if isinstance(value, Answers)]
-    refuse(any(x != designs[0] for x in designs), f"task {name} must have one design, got several")
-    return TaskData(name or task, task, tuple(group), designs[0] if designs else {})
+    designs = {x: source.design for x, source in subjects.items() if isinstance(source, Answers)}
+    first = next(iter(designs), "")
+    for subject, design in designs.items():
+        refuse(
+            design != designs[first],
+            f"task {name} of subject {subject} has another design than that of subject {first}",
+        )
+    group = [
+        replace(_subject(source), subject=str(subject))
+        if isinstance(source, Answers)
+        else SubjectData(str(subject), source, simulated=simulated)
+        for subject, source in subjects.items()
+    ]
+    return TaskData(name or task, task, tuple(group), designs.get(first, {}))
 
 
 def _subject(answers: Answers) -> SubjectData:
@@ -186,7 +199,7 @@ def _subject(answers: Answers) -> SubjectData:
         answers.counts() if answers.main else None,
         None
         if answers.trials is None
-        else answers.trials - sum(int(_design(answers).get(x, 0)) for x in ("practice", "catch")),
+        else answers.trials - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch")),
         answers.simulated,
         level_counts(answers.main),
         answers,
@@ -200,10 +213,6 @@ def level_counts(rows: Iterable[AnswerRow]) -> tuple[tuple[float, int, int], ...
     return tuple((level, right[level], trials[level]) for level in sorted(trials))
 
 
-def _design(answers: Answers) -> dict[str, Any]:
-    return {} if answers.side_car is None else dict(answers.side_car.design)
-
-
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
     """The tasks with the selection of their subjects; `selected_by` maps subject to text.
 
@@ -215,8 +224,7 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
         texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
         text = "; ".join(filter(None, texts))
         numbers = re.search(r"\bbest (\d+) of (\d+)\b", text, re.IGNORECASE)
-        cars = [subject.answers.side_car for subject in task.subjects if subject.answers is not None]
-        settings = [car.protocol.get("experiment", {}) for car in cars if car is not None]
+        settings = [subject.protocol.get("experiment", {}) for subject in task.subjects]
         selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
         # Subjects may be added while the experiment runs.
         chosen, of = max(selections, default=(int(numbers[1]), int(numbers[2])) if numbers else (0, 0))

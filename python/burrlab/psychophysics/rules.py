@@ -7,7 +7,6 @@ intervals).
 
 import math
 import operator
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -66,7 +65,7 @@ def halving(
     return inside, outside
 
 
-class Rule(ABC):
+class Rule:
     """A decision rule of an observer.
 
     The two rates are those of one answer, on trials where it is correct (hit) and where it is not (false
@@ -82,43 +81,78 @@ class Rule(ABC):
     ----------
     task : {"same-different", "abx", "2ifc"}
     name : {"independent-observations", "differencing"}
+
+    Notes
+    -----
+    z(hit), z(false alarm) = +-z/2 - c, where erf(z/(2 sqrt 2)) = erf(d'/a) erf(d'/b). This is exact without
+    bias. With bias it is Macmillan and Creelman's approximation, a receiver operating characteristic of unit
+    slope. Differencing in same-different has formulas of its own.
     """
 
-    task: TaskName
-    name: RuleName
+    def __init__(self, task: TaskName, name: RuleName, a: float = 1.0, b: float = 1.0) -> None:
+        self.task, self.name, self._scales = task, name, (a, b)
 
-    @abstractmethod
+    def _z(self, d_prime: ArrayLike) -> Floats:
+        """z(hit) - z(false alarm)."""
+        a, b = (np.asarray(d_prime, dtype=np.float64) / scale for scale in self._scales)
+        low, far_a, far_b = erf(a) * erf(b), erfc(a), erfc(b)
+        high = far_a + far_b - far_a * far_b  # 1 - low without its rounding
+        return np.asarray(2.0 * _ROOT2 * np.where(low < 0.5, erfinv(np.minimum(low, 0.9)), erfcinv(high)))
+
     def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
         """(hit rate, false-alarm rate) at d' >= 0 and a criterion, by default the unbiased criterion."""
+        c = np.float64(0.0) if criterion is None else np.asarray(criterion, dtype=np.float64)
+        half = 0.5 * self._z(d_prime)
+        return np.asarray(ndtr(half - c)), np.asarray(ndtr(-half - c))
 
-    @abstractmethod
-    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
-        """(d', criterion) of two rates; d' is 0 if hit <= false alarm, inf if hit is 1 or false alarm 0."""
-
-    @abstractmethod
-    def unbiased(self, d_prime: ArrayLike) -> Floats:
-        """The criterion with the most correct answers when both kinds of trial are equally frequent."""
-
-    @abstractmethod
-    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
-        """The criterion that gives an observer of this d' this false-alarm rate."""
-
-    @abstractmethod
     def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
         """Logarithms of hit, miss, false-alarm and correct-rejection rates, precise even for tiny rates.
 
         All four are concave in the criterion, so a likelihood has one best criterion at any d'.
         """
+        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
+        return log_ndtr(half - c), log_ndtr(c - half), log_ndtr(-half - c), log_ndtr(half + c)
 
-    @abstractmethod
+    def _slope(self, d_prime: ArrayLike) -> Floats:
+        """dz/dd'."""
+        d, (a, b) = np.asarray(d_prime, dtype=np.float64), self._scales
+        grown = self._z(d) ** 2 / 8.0
+        parts = [np.exp(grown - (d / s) ** 2) / s * erf(d / other) for s, other in ((a, b), (b, a))]
+        return np.asarray(2.0 * _ROOT2 * (parts[0] + parts[1]))
+
     def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
         """Derivatives of hit rate and false-alarm rate: dH/dd', dH/dc, dF/dd', dF/dc."""
+        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
+        hit, alarm, slope = _density(half - c), _density(half + c), 0.5 * self._slope(d_prime)
+        return hit * slope, -hit, -alarm * slope, -alarm
 
-    @abstractmethod
     def criterion_range(
         self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
     ) -> tuple[Floats, Floats]:
         """Two criteria that enclose the likeliest criterion for these rates, at any d'."""
+        half = 0.5 * self._z(d_prime)
+        of_hit = half - ndtri(np.asarray(hit, dtype=np.float64))
+        of_alarm = -half - ndtri(np.asarray(false_alarm, dtype=np.float64))
+        low, high, most = np.minimum(of_hit, of_alarm), np.maximum(of_hit, of_alarm), half + _FAR
+        return np.clip(low, -most, most), np.clip(high, -most, most)
+
+    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
+        """The criterion that gives an observer of this d' this false-alarm rate."""
+        return np.asarray(-0.5 * self._z(d_prime) - ndtri(np.asarray(false_alarm, dtype=np.float64)))
+
+    def unbiased(self, d_prime: ArrayLike) -> Floats:
+        """The criterion with the most correct answers when both kinds of trial are equally frequent."""
+        return np.zeros_like(np.asarray(d_prime, dtype=np.float64))
+
+    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
+        """(d', criterion) of two rates; d' is 0 if hit <= false alarm, inf if hit is 1 or false alarm 0."""
+        h, f = np.broadcast_arrays(
+            np.asarray(hit, dtype=np.float64), np.asarray(false_alarm, dtype=np.float64)
+        )
+        with np.errstate(invalid="ignore"):
+            z, c = ndtri(h) - ndtri(f), -0.5 * (ndtri(h) + ndtri(f))
+        some = np.where(np.isfinite(z), z, 1.0)
+        return _root(lambda x: self._z(x) - some, h, f), np.asarray(c)
 
     def proportion_correct(
         self, d_prime: ArrayLike, criterion: ArrayLike | None = None, *, lapse: float = 0.0
@@ -130,8 +164,6 @@ class Rule(ABC):
 
 class _Differencing(Rule):
     """Same-different: "different" if the two observations are further apart than the criterion k [sd]."""
-
-    task, name = "same-different", "differencing"
 
     def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
         d = np.asarray(d_prime, dtype=np.float64)
@@ -185,70 +217,7 @@ class _Differencing(Rule):
         return _root(lambda x: self.rates(x, some)[0] - h, h, f), k
 
 
-class _Symmetric(Rule):
-    """A rule with z(hit), z(false alarm) = +-z/2 - c, where erf(z/(2 sqrt 2)) = erf(d'/a) erf(d'/b).
-
-    Exact without bias. With bias it is Macmillan and Creelman's approximation, a receiver operating
-    characteristic of unit slope.
-    """
-
-    def __init__(self, task: TaskName, name: RuleName, a: float = 1.0, b: float = 1.0) -> None:
-        self.task, self.name, self._scales = task, name, (a, b)
-
-    def _z(self, d_prime: ArrayLike) -> Floats:
-        """z(hit) - z(false alarm)."""
-        a, b = (np.asarray(d_prime, dtype=np.float64) / scale for scale in self._scales)
-        low, far_a, far_b = erf(a) * erf(b), erfc(a), erfc(b)
-        high = far_a + far_b - far_a * far_b  # 1 - low without its rounding
-        return np.asarray(2.0 * _ROOT2 * np.where(low < 0.5, erfinv(np.minimum(low, 0.9)), erfcinv(high)))
-
-    def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
-        c = np.float64(0.0) if criterion is None else np.asarray(criterion, dtype=np.float64)
-        half = 0.5 * self._z(d_prime)
-        return np.asarray(ndtr(half - c)), np.asarray(ndtr(-half - c))
-
-    def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
-        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
-        return log_ndtr(half - c), log_ndtr(c - half), log_ndtr(-half - c), log_ndtr(half + c)
-
-    def _slope(self, d_prime: ArrayLike) -> Floats:
-        """dz/dd'."""
-        d, (a, b) = np.asarray(d_prime, dtype=np.float64), self._scales
-        grown = self._z(d) ** 2 / 8.0
-        parts = [np.exp(grown - (d / s) ** 2) / s * erf(d / other) for s, other in ((a, b), (b, a))]
-        return np.asarray(2.0 * _ROOT2 * (parts[0] + parts[1]))
-
-    def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
-        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
-        hit, alarm, slope = _density(half - c), _density(half + c), 0.5 * self._slope(d_prime)
-        return hit * slope, -hit, -alarm * slope, -alarm
-
-    def criterion_range(
-        self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
-    ) -> tuple[Floats, Floats]:
-        half = 0.5 * self._z(d_prime)
-        of_hit = half - ndtri(np.asarray(hit, dtype=np.float64))
-        of_alarm = -half - ndtri(np.asarray(false_alarm, dtype=np.float64))
-        low, high, most = np.minimum(of_hit, of_alarm), np.maximum(of_hit, of_alarm), half + _FAR
-        return np.clip(low, -most, most), np.clip(high, -most, most)
-
-    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
-        return np.asarray(-0.5 * self._z(d_prime) - ndtri(np.asarray(false_alarm, dtype=np.float64)))
-
-    def unbiased(self, d_prime: ArrayLike) -> Floats:
-        return np.zeros_like(np.asarray(d_prime, dtype=np.float64))
-
-    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
-        h, f = np.broadcast_arrays(
-            np.asarray(hit, dtype=np.float64), np.asarray(false_alarm, dtype=np.float64)
-        )
-        with np.errstate(invalid="ignore"):
-            z, c = ndtri(h) - ndtri(f), -0.5 * (ndtri(h) + ndtri(f))
-        some = np.where(np.isfinite(z), z, 1.0)
-        return _root(lambda x: self._z(x) - some, h, f), np.asarray(c)
-
-
-class _TwoIntervals(_Symmetric):
+class _TwoIntervals(Rule):
     """Choice of the larger observation: z(hit) - z(false alarm) = sqrt(2) d', under both names of a rule."""
 
     def _slope(self, d_prime: ArrayLike) -> Floats:
@@ -272,12 +241,12 @@ _ALL: dict[tuple[str, str], Rule] = {
     (rule.task, rule.name): rule
     for rule in (
         # Pc = Phi(d'/2)^2 + Phi(-d'/2)^2
-        _Symmetric("same-different", "independent-observations", 2.0 * _ROOT2, 2.0 * _ROOT2),
-        _Differencing(),
+        Rule("same-different", "independent-observations", 2.0 * _ROOT2, 2.0 * _ROOT2),
+        _Differencing("same-different", "differencing"),
         # Pc = Phi(d'/sqrt 2) Phi(d'/2) + Phi(-d'/sqrt 2) Phi(-d'/2)
-        _Symmetric("abx", "independent-observations", 2.0, 2.0 * _ROOT2),
+        Rule("abx", "independent-observations", 2.0, 2.0 * _ROOT2),
         # Pc = Phi(d'/sqrt 2) Phi(d'/sqrt 6) + Phi(-d'/sqrt 2) Phi(-d'/sqrt 6)
-        _Symmetric("abx", "differencing", 2.0, 2.0 * _ROOT3),
+        Rule("abx", "differencing", 2.0, 2.0 * _ROOT3),
         _TwoIntervals("2ifc", "independent-observations"),
         _TwoIntervals("2ifc", "differencing"),
     )

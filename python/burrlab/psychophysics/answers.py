@@ -276,7 +276,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
             )
         other = next((other for other in runs.values() if other.name == answers.name), None)
         if other and other.side_car and answers.side_car:
-            changes = "; ".join(other.side_car.differences_across_subjects(answers.side_car))
+            changes = "; ".join(other.side_car.differences(answers.side_car, across_subjects=True))
             refuse(changes, f"{answers.source}: the task was another one in {other.source}: {changes}")
         runs[answers.name, answers.subject] = answers
     where = os.fspath(folder)

@@ -46,10 +46,6 @@ class Observer:
         of_noises = scipy.stats.binom.pmf(k, self.half, 1.0 - self.false_alarm)
         self.scores: Floats = np.convolve(of_signals, of_noises)
 
-    def from_score(self, score: int | None) -> float:
-        """Probability of this score or a higher one."""
-        return 0.0 if score is None else float(min(1.0, np.sum(self.scores[score:])))
-
     def group(self, subjects: int, level: float) -> float:
         """Power of the one-sided t test on the scores of this number of subjects, at least two."""
         table = np.cumsum(self.scores)
@@ -137,15 +133,10 @@ class Equivalence:
             * (self.p_below_chance < _BELOW_CHANCE),
         ))  # fmt: skip
 
-    @property
-    def design_sentence(self) -> str:
-        """What these subjects and trials could decide."""
+    def __str__(self) -> str:
         few, most = self.trials
         size = f"{self.subjects} subject{'s' if self.subjects > 1 else ''} x {few if few == most else f'{few} to {most}'} trials"
-        return decision_text(size, self.delta, self.power, self.decidable_delta)
-
-    def __str__(self) -> str:
-        return f"{self.sentence}\n{self.design_sentence}"
+        return f"{self.sentence}\n{decision_text(size, self.delta, self.power, self.decidable_delta)}"
 
 
 def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: float = 0.95) -> Equivalence:
@@ -240,12 +231,12 @@ def equivalence_power(simulated: GroupAnswers, delta: float, error: float) -> tu
     return simulated.share_below(delta, error), float(least)
 
 
-def decision_text(size: str, delta: float, power: float, decidable: float, *, quantity: str = "d'") -> str:
+def decision_text(size: str, delta: float, power: float, decidable: float) -> str:
     """A sentence on what a design could decide."""
     smallest = "no Delta has 80 %" if math.isinf(decidable) else f"80 % begin at Delta = {decidable:.3g}"
     if power >= WANTED_POWER:
-        return f"{size} would decide Delta = {delta:g} with a power of {100 * power:.0f} % if {quantity} were 0; {smallest}."
-    return f"{size} cannot be relied on to decide Delta = {delta:g}: the power is {100 * power:.0f} % if {quantity} were 0; {smallest}."
+        return f"{size} would decide Delta = {delta:g} with a power of {100 * power:.0f} % if d' were 0; {smallest}."
+    return f"{size} cannot be relied on to decide Delta = {delta:g}: the power is {100 * power:.0f} % if d' were 0; {smallest}."
 
 
 @dataclass(frozen=True)
@@ -418,7 +409,8 @@ def design_power(
         mean = float(observer.scores @ k)
         sd = math.sqrt(max(0.0, float(observer.scores @ k**2) - mean**2))
         group = observer.group(subjects, level) if subjects > 1 else None
-        rows.append(PowerRow(decision.name, float(d), mean, sd, observer.from_score(critical), group))
+        reached = 0.0 if critical is None else float(min(1.0, np.sum(observer.scores[critical:])))
+        rows.append(PowerRow(decision.name, float(d), mean, sd, reached, group))
     return DesignPower(
         task=decisions[0].task,
         trials=trials,

@@ -1,25 +1,26 @@
 """The input of an analysis, and the results of a task with a score: its subjects and the group."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar, cast
 
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
-from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
+from burrlab.psychophysics.rules import Counts, Floats, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
     PairCheck,
@@ -253,13 +254,21 @@ def design_text(design: Mapping[str, Any]) -> str:
     return f"{text}, {design['mode']}" if text and "mode" in design else text
 
 
-class OneSubject(Protocol):
-    """Attributes that the results of one subject share."""
+@dataclass(frozen=True)
+class OneSubject:
+    """Base of the results of one subject in a task.
 
-    @property
-    def subject(self) -> str: ...
-    @property
-    def simulated(self) -> bool: ...
+    Attributes
+    ----------
+    subject : str
+    planned : int or None
+        Main trials of the design; None if unknown, or if the answers end it.
+    simulated : bool
+    """
+
+    subject: str
+    planned: int | None
+    simulated: bool
 
 
 Subject = TypeVar("Subject", bound=OneSubject)
@@ -313,19 +322,11 @@ class TaskResult(Generic[Subject]):
         """Title of figures: name, comparison, and whether subjects are simulated or selected."""
         about = design_text(self.design)
         text = f"{self.name}: {about}" if about else self.name
-        selection = self.selected_text if self.of else "selected subjects"
+        n = len(self.subjects)
+        part = "" if n == self.chosen else f" of {self.chosen}"
+        selection = f"{n}{part} selected of {self.of}" if self.of else "selected subjects"
         remarks = ["simulated subjects"] * self.simulated + [selection] * self.selected
         return f"{text} ({'; '.join(remarks)})" if remarks else text
-
-    @property
-    def selected_text(self) -> str:
-        """The numbers of subjects: here, selected, and before selection."""
-        n = len(self.subjects)
-        return (
-            f"{n} selected of {self.of}"
-            if n == self.chosen
-            else f"{n} of {self.chosen} selected of {self.of}"
-        )
 
     def subject(self, name: str) -> Subject:
         """One subject's result.
@@ -353,18 +354,82 @@ def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str
     }  # fmt: skip
 
 
+_STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
+_LOWEST = 4.0  # the least end of a d' axis
+
+
+def room_for(ax: Axes | None, rows: float) -> Axes:
+    """The given axes, or axes of a new figure that is tall enough for the rows."""
+    ax, new = axes_or_new(ax), ax is None
+    if new and rows > 13 and isinstance(ax.figure, Figure):
+        ax.figure.set_figheight(1.2 + 0.19 * rows)
+    return ax
+
+
+def _draw(
+    ax: Axes, spans: Sequence[tuple[float, float, float]], rows: Floats, end: float, style: dict[str, Any],
+    colour: str, marker: str,
+) -> None:  # fmt: skip
+    """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark.
+
+    A span is lower end, estimate, upper end; the last two may be infinite.
+    """
+    look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
+    colour = look["color"]
+    for (low, estimate, high), row in zip(spans, rows, strict=True):
+        if math.isinf(high):
+            ax.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
+                        arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+            ax.plot([low, low], [row - 0.11, row + 0.11], color=colour, linewidth=1.2)
+        else:
+            ax.errorbar(0.5 * (low + high), row, xerr=0.5 * (high - low), fmt="none", ecolor=colour,
+                        elinewidth=1.2, capsize=2.5)  # fmt: skip
+        if math.isinf(estimate):
+            ax.plot(0.96 * end, row, **(look | {"mfc": "white"}))
+        else:
+            ax.plot(estimate, row, **look, clip_on=False)
+        look["label"] = None
+
+
+def _draw_d_prime(
+    ax: Axes, by_rule: Mapping[Any, Sequence[Any]], rows: Floats, level: float, style: dict[str, Any],
+    delta: float | None,
+) -> None:  # fmt: skip
+    """Draws d' by each rule side by side, with chance and any Delta; each d' has an estimate and an interval."""
+    all_spans = [[(d.interval[0], d.estimate, d.interval[1]) for d in some] for some in by_rule.values()]
+    spans = [span for some in all_spans for span in some]
+    # beyond all finite values
+    end = 1.15 * max(_LOWEST, *(value for span in spans for value in span if math.isfinite(value)), 0.0)
+    for i, (rule, some) in enumerate(zip(by_rule, all_spans, strict=True)):
+        shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
+        colour, marker = _STYLES[rule]
+        _draw(ax, some, rows + shift, end, {"label": None} | style, colour, marker)
+        label = f"{style['label']}, {rule}" if style.get("label") else rule
+        ax.plot([], [], **styled({**style, "label": label}, color=colour, marker=marker, markersize=4.5))
+    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+    if delta is not None:
+        ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
+    if any(math.isinf(estimate) for _, estimate, _ in spans):
+        ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
+    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * level:g} % interval")
+
+
+def of_subjects(ax: Axes, names: Sequence[str], rows: Floats, title: str) -> Axes:
+    """The axes with one name per row."""
+    ax.set_yticks(rows, names, fontsize=8)
+    ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject", title=title)
+    ax.legend()
+    return ax
+
+
 @dataclass(frozen=True)
-class SubjectResult:
-    """Results of one subject in one task, in the order of the report.
+class SubjectResult(OneSubject):
+    """`OneSubject` with a score, in the order of the report.
 
     Attributes
     ----------
-    subject : str
     counts : Counts
         Counts of the main trials.
-    planned : int or None
-        Main trials of the design; None if unknown.
-    simulated : bool
     score_interval : tuple of float
         Exact interval of the proportion correct.
     p_value : float
@@ -377,10 +442,7 @@ class SubjectResult:
         Comparisons of the types of trials, if types were counted.
     """
 
-    subject: str
     counts: Counts
-    planned: int | None
-    simulated: bool
     score_interval: tuple[float, float]
     p_value: float
     holm: float
@@ -563,7 +625,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
             for subject in self.subjects
         ]  # fmt: skip
-        draw(ax, spans, rows, 100.0, style, POSITION, "o")
+        _draw(ax, spans, rows, 100.0, style, POSITION, "o")
         ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
         ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         return of_subjects(ax, names, rows, self.title)
@@ -590,7 +652,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         if self.group_d_prime:
             names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
             ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
-        draw_d_prime(ax, by_rule, rows, self.level, style, self.delta)
+        _draw_d_prime(ax, by_rule, rows, self.level, style, self.delta)
         return of_subjects(ax, names, rows, self.title)
 
     def _some(self) -> None:

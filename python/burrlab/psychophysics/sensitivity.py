@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
 
 from burrlab.common.check import refuse
+from burrlab.psychophysics.group import task_of_all
 from burrlab.psychophysics.rules import (
     Counts,
     Floats,
@@ -520,10 +521,7 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     AB against BA: answered different 9 of 12 and 8 of 12, p = 1; no difference shown
     """
     subjects = [counts] if isinstance(counts, Counts) else list(counts)
-    refuse(not subjects, "counts must be of a subject at least, got none")
-    tasks = {subject.task for subject in subjects}
-    refuse(len(tasks) > 1, f"counts must be of one task, got {', '.join(sorted(tasks))}")
-    if subjects[0].task != "same-different":
+    if task_of_all(subjects) != "same-different":
         rows = [((s.hits, s.signals), (s.noises - s.false_alarms, s.noises)) for s in subjects]
         return [_check(("first", "second"), "correct", rows, "answers lean to one position")]
     refuse(

@@ -371,21 +371,18 @@ class SideCar:
         own = self.device.partition(":")[0] in ("touch", "omega", "haply", "driver")
         return columns_of(self.task, limited=own or "limits" in self.protocol.get("experiment", {}))
 
-    def differences(self, other: "SideCar") -> tuple[str, ...]:
-        """Relevant changes in another run of this subject and task, in sentences; empty if none.
+    def differences(self, other: "SideCar", *, across_subjects: bool = False) -> tuple[str, ...]:
+        """Relevant changes in another run of this task, in sentences; empty if none.
 
         The list of subjects, folder, traces, analysis settings, other tasks and a device's address do not
-        count.
+        count, nor, across subjects, the subject.
         """
         self_fields, others = (
-            {"subject": car.subject, "simulated subject": car.simulated, **car._shared()}
+            ({} if across_subjects else {"subject": car.subject, "simulated subject": car.simulated})
+            | car._shared()
             for car in (self, other)
         )
         return _changes("", self_fields, others)
-
-    def differences_across_subjects(self, other: "SideCar") -> tuple[str, ...]:
-        """As `differences`, for another subject's run of this task."""
-        return _changes("", self._shared(), other._shared())
 
     def _shared(self) -> dict[str, Any]:
         """What must not change during a run, of the protocol and of the run."""

@@ -10,14 +10,16 @@ from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
-from burrlab.psychophysics.plots import of_subjects, room_for
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import (
+    OneSubject,
     Progress,
     SubjectData,
     TaskData,
     TaskResult,
     level_counts,
+    of_subjects,
+    room_for,
     shared,
 )
 from burrlab.psychophysics.staircase import (
@@ -35,17 +37,13 @@ Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
 
 
 @dataclass(frozen=True)
-class SubjectThreshold:
-    """The threshold of one subject.
+class SubjectThreshold(OneSubject):
+    """`OneSubject` with a threshold.
 
     Attributes
     ----------
-    subject : str
-    simulated : bool
     trials : int
         Answered trials of the main phase.
-    planned : int or None
-        Main trials of the design; None if unknown, or if the answers end it.
     levels : tuple of (float, int, int)
         Ratio to the reference's parameter, correct answers, trials.
     threshold : float or None
@@ -64,10 +62,7 @@ class SubjectThreshold:
         Those of `levels` in whose intervals limits shortened the force in more than 1 % of the ticks.
     """
 
-    subject: str
-    simulated: bool
     trials: int
-    planned: int | None
     levels: tuple[tuple[float, int, int], ...]
     threshold: float | None
     interval: tuple[float, float] | None
@@ -222,7 +217,7 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
     shortened = [row for row in rows if max((share or 0.0 for share in row.clipped), default=0.0) > _CLIPPED]
     catch = (caught[0].level or 1.0, sum(row.correct for row in caught), len(caught)) if caught else None
     return SubjectThreshold(
-        subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate),
+        subject.subject, planned, subject.simulated, subject.trials, subject.levels, threshold, interval, text or str(estimate),
         estimate, "" if car is None else car.started[:10], catch, level_counts(shortened),
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse
-from burrlab.common.files import lock, new_part, sync_folder, synced_write, write_synced
+from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
@@ -493,9 +493,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         """Writes the column names, then the side-car: without a side-car, no trial was asked."""
         synced_write(file, path, table.line(side_car.columns))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        with new_part(side_car_path(path)) as part:
-            write_synced(part, text.encode())
-            part.rename(side_car_path(path))
+        write_text(side_car_path(path), text)
         sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
 
@@ -652,8 +650,8 @@ class ExperimentFolder:
             ("participants.json", json.dumps(_PARTICIPANTS, indent=1) + "\n"),
             ("README", _README.format(name=self.name)),
         ):
-            with contextlib.suppress(FileExistsError):
-                _write_new(self.path / file, text)
+            if not (self.path / file).exists():
+                write_text(self.path / file, text)
 
     def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
         """Enters a subject in participants.tsv, unless already there.
@@ -730,14 +728,3 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
         return table.parse(os.fspath(path), content).columns
     synced_write(file, path, heading)
     return _COLUMNS
-
-
-def _write_new(path: Path, text: str) -> None:
-    """Writes a new file. A partly written file is removed, because the next run would take it as complete."""
-    stream = path.open("x", encoding="utf-8", newline="")
-    try:
-        with stream:
-            stream.write(text)
-    except OSError as error:
-        path.unlink()
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from None

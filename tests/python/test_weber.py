@@ -19,6 +19,7 @@ from burrlab.psychophysics import (
     Stimulus,
     WeberFraction,
     analyse,
+    subjects_for_slope,
 )
 from burrlab.psychophysics.analysis import Analysis, group_lines
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
@@ -278,6 +279,31 @@ def test_how_often_the_slope_is_held(nested):
     sets *= len(cases)
     most = sets if nested else binom.ppf(1.0 - 5e-7, sets, 0.95)
     assert binom.ppf(5e-7, sets, 0.95) <= total <= most, total
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("between", [0.2, 0.4])
+def test_subjects_for_slope(between):
+    """The subjects that it names suffice, by simulation; one less does not."""
+    sets, error = 1000, 0.3
+    known, distinct = subjects_for_slope(error, REFERENCES, between)
+    random = np.random.default_rng(3)
+
+    def functions(subjects, slope):
+        return [SensitivityFunction.of(group(random, slope, between, subjects, error)) for _ in range(sets)]
+
+    for n in (known - 1, known):
+        squares = np.array([(x.slope.interval[1] - x.slope.mean) ** 2 for x in functions(n, 0.0)])
+        away = (float(np.mean(squares)) - 0.3**2) * math.sqrt(sets) / float(np.std(squares))
+        print(f"sd {between}, {n} subjects: half width {math.sqrt(np.mean(squares)):.3f}")
+        assert away < 4.9 if n == known else away > -4.9
+    for n in (distinct - 1, distinct):
+        differences = [a.difference(b) for a, b in zip(functions(n, 1.0), functions(n, 0.0), strict=True)]
+        power = sum(x.p_value() < 0.05 for x in differences)
+        print(f"sd {between}, {n} subjects: slopes 1 apart in {power / sets:.1%}")
+        assert (
+            power >= binom.ppf(5e-7, sets, 0.8) if n == distinct else power <= binom.ppf(1 - 5e-7, sets, 0.8)
+        )
 
 
 def answered(design, threshold, bias, random):

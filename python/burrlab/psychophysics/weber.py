@@ -433,9 +433,9 @@ def subjects_for_slope(
     between : float
         Standard deviation of the subjects' slopes.
     half_width : float
-        Expected half width of the slope's 95 % interval.
+        Half width of the slope's 95 % interval, in the root mean square over experiments.
     apart : float
-        A difference between two slopes, both felt by all subjects.
+        A difference between two slopes of all subjects, which are independent within a subject.
 
     Returns
     -------

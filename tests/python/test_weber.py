@@ -179,7 +179,9 @@ def test_from_the_file_to_the_function(tmp_path):
     assert str(function).splitlines()[0] in analysis.report()
     axes = function.plot()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    assert "published exponent 2,\ndefinition unknown, no level" in axes.get_legend_handles_labels()[1]
+    published = "published exponent 2, definition\nunknown: four readings through the middle"
+    assert published in axes.get_legend_handles_labels()[1]
+    assert published not in function.plot(published=False).get_legend_handles_labels()[1]
 
 
 def test_catch_trials(tmp_path):

@@ -370,20 +370,26 @@ class SensitivityFunction:
         return "\n".join(lines)
 
     @drawing
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Sensitivity 1/W over the reference, both logarithmic: subjects, group with its band.
+    def plot(self, ax: Axes | None = None, *, published: bool = True, **style: Any) -> Axes:
+        """Sensitivity 1/W over the reference, both logarithmic: subjects with intervals, group with its band.
 
-        Through the middle go the four readings of the exponent that was published, whose definition is
-        unknown: of 1/W or of the increment D, rising or falling. `style`: properties of the group's line.
+        `style`: properties of the group's line.
+
+        Parameters
+        ----------
+        published : bool
+            Whether the four readings of the exponent that was published, whose definition is unknown, go
+            through the middle: of 1/W or of the increment D, rising or falling.
         """
         ax = axes_or_new(ax)
         ax.set(xscale="log", yscale="log")
+        normal = float(scipy.stats.norm.ppf(0.5 + 0.5 * self.confidence))
         for i, (subject, line) in enumerate(self.lines.items()):
             rows = sorted(
                 (row for row in self.fractions if row.subject == subject), key=lambda row: row.reference
             )
             x, w = np.array([row.reference for row in rows]), np.array([row.fraction for row in rows])
-            error = np.exp([row.error for row in rows])
+            error = np.exp(normal * np.array([row.error for row in rows]))
             look: dict[str, Any] = {"color": REFERENCE, "alpha": 0.5, "linewidth": 0.8}
             ax.errorbar(
                 x,
@@ -405,16 +411,17 @@ class SensitivityFunction:
             ax.fill_between(span, 1.0 / high, 1.0 / low, color=look["color"], alpha=0.2, linewidth=0)
         bottom, top = ax.get_ylim()
         exponent, middle = PUBLISHED_EXPONENTS[self.parameter], 1.0 / self.fraction_at(self.center)[0]
-        for slope in (exponent, -exponent, 1.0 - exponent, 1.0 + exponent):
+        label: str | None = (
+            f"published exponent {exponent:g}, definition\nunknown: four readings through the middle"
+        )
+        for slope in (exponent, -exponent, 1.0 - exponent, 1.0 + exponent) if published else ():
             reading = middle * (span / self.center) ** slope
             shown = (bottom <= reading) & (reading <= top)
-            ax.plot(span[shown], reading[shown], ":", color="0.6", linewidth=0.9, zorder=0)
-        ax.plot(
-            [], [], ":", color="0.6", label=f"published exponent {exponent:g},\ndefinition unknown, no level"
-        )
+            ax.plot(span[shown], reading[shown], ":", color="0.6", linewidth=0.9, zorder=0, label=label)
+            label = None
         unit = UNITS[self.parameter]
         ax.set(xlabel=f"{self.parameter} of the reference [{unit}]", ylim=(bottom, top),
-               ylabel=f"sensitivity 1/W [1], {100 * self.confidence:g} % band", title=self.name)  # fmt: skip
+               ylabel=f"sensitivity 1/W [1], {100 * self.confidence:g} % intervals", title=self.name)  # fmt: skip
         ax.legend(fontsize=7)
         return ax
 

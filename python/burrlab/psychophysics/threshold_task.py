@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
+from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import (
     OneSubject,
@@ -212,14 +213,23 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
             below = fit.side == "below"
             threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
             interval = (low, high)
-    car = None if subject.answers is None else subject.answers.side_car
-    caught = [row for row in subject.answers.rows if row.phase == "catch"] if subject.answers else []
-    shortened = [row for row in rows if max((share or 0.0 for share in row.clipped), default=0.0) > _CLIPPED]
-    catch = (caught[0].level or 1.0, sum(row.correct for row in caught), len(caught)) if caught else None
     return SubjectThreshold(
         subject.subject, planned, subject.simulated, subject.trials, subject.levels, threshold, interval, text or str(estimate),
-        estimate, "" if car is None else car.started[:10], catch, level_counts(shortened),
+        estimate, **_beside(subject.answers),
     )  # fmt: skip
+
+
+def _beside(answers: Answers | None) -> dict[str, Any]:
+    """Day, catch trials and clipped trials of a run."""
+    if answers is None:
+        return {}
+    catch = level_counts(row for row in answers.rows if row.phase == "catch")
+    clipped = (row for row in answers.main if any((share or 0.0) > _CLIPPED for share in row.clipped))
+    return {
+        "day": "" if answers.side_car is None else answers.side_car.started[:10],
+        "catch": catch[0] if catch else None,
+        "clipped": level_counts(clipped),
+    }
 
 
 def _fitted(

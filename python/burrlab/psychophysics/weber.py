@@ -201,7 +201,7 @@ class GroupMean:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SensitivityFunction:
     """Weber fractions of subjects along references: ln W = level + slope ln(p0/center).
 

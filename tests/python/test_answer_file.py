@@ -241,10 +241,10 @@ def _each_line(change):
             _each_line(lambda number, fields: [*fields[1:], fields[0]]),
             "line 1: .* column 1 was 'onset', is now 'duration'",
         ),
-        (_each_line(lambda number, fields: fields[:-3]), "line 1: .* column 15 was 'ended_1', is now none"),
+        (_each_line(lambda number, fields: fields[:-5]), "line 1: .* column 15 was 'ended_1', is now none"),
         (
             _each_line(lambda number, fields: [*fields, "sub-01" if number else "participant_id"]),
-            "line 1: .* column 18 was none, is now 'participant_id'",
+            "line 1: .* column 20 was none, is now 'participant_id'",
         ),
     ],
 )
@@ -296,7 +296,7 @@ def test_a_run_of_an_earlier_version_goes_on_with_its_columns(tmp_path, device, 
     """Without repeats, or what limits clipped."""
     one, path = begun(tmp_path, count=3, text=SMALL.replace("seed = 7", f'seed = 7\ndevice = "{device}"'))
     rows = [line.split("\t") for line in path.read_text().splitlines()]
-    assert len(rows[0]) == (17 if device == "hand" else 19)
+    assert len(rows[0]) == (19 if device == "hand" else 21)
     with one.resume("01", "probing")[0] as file:
         assert file.notes == ()
     path.write_text("".join("\t".join([*row[:16], row[-1]][:columns]) + "\n" for row in rows))

@@ -328,6 +328,10 @@ def test_rows_survive_the_file(data):
             seeds=tuple(data.draw(st.none() | st.integers(0, 2**64 - 1)) for _ in places),
             endings=tuple(data.draw(st.sampled_from(["time", "wall"])) for _ in places),
             repeats=data.draw(st.none() | st.integers(0, 9)),
+            clipped=tuple(data.draw(st.none() | st.floats(0.0, 1.0)) for _ in places),
+            boundary=data.draw(st.none() | st.floats(0.0, 100.0, exclude_min=True)),
+            reached=data.draw(st.none() | st.booleans()),
+            forces=tuple(data.draw(st.none() | NUMBER) for _ in places),
         )
         rows.append(row)
     head = ("\t".join(columns_of(task)) + "\n").encode()
@@ -362,7 +366,10 @@ def test_the_folder_is_as_bids_has_it(tmp_path):
     assert (one.folder / "participants.tsv").read_text() == "\t".join(own) + "\nsub-01\tno\tn/a\n"
     assert tuple(json.loads((one.folder / "participants.json").read_text())) == own
     head, *rows = path.read_text().splitlines()
-    assert (tuple(head.split("\t")), len(rows)) == (columns_of("same-different"), 3)
+    assert (tuple(head.split("\t")), len(rows)) == (
+        columns_of("same-different", without=("boundary", "reached", "clipped")),
+        3,
+    )
     car = json.loads(path.with_suffix(".json").read_text())
     assert (car["Task"], car["ProtocolDigest"]) == ("same-different", one.digest)
     assert one.data.trace("01", "probing", "main", 1, 2) == one.data.log("01", "probing").with_name(

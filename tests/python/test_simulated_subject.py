@@ -423,7 +423,7 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
 @pytest.mark.parametrize(
     ("ask", "sentence"),
     [
-        (subject_with(cues=()), r"cues must be some of stiffness, force, sinking, each once, got \(\)"),
+        (subject_with(cues=()), r"cues must be some of stiffness, force, sinking, change, each once, got \(\)"),
         (subject_with(cues=("hardness",)), "cues must be some of"),
         (subject_with(cues=("force", "force")), "cues must be some of"),
         (subject_with(weber={"force": 0.1}), "weber must have a fraction for each cue, stiffness has none"),
@@ -454,7 +454,7 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
         (lambda: drilling_hand(BURR, stroke=-1), "amplitude must be zero or positive"),
         (lambda: drilling_hand(BURR, strokes=-1), "strokes must be zero or positive"),
         (prediction("looking"), "mode must be one of probing, drilling, got 'looking'"),
-        (prediction("drilling"), "cues must be of the mode, drilling has sinking, got 'stiffness'"),
+        (prediction("drilling"), "cues must be of the mode, drilling has sinking, change, got 'stiffness'"),
         (prediction("probing", criterion=1.0), r"criterion must be None for a prediction, got 1\.0"),
     ],
 )  # fmt: skip

@@ -825,8 +825,37 @@ class VolumeBlockRecipe(BoneRecipe):
         return cut_block(self.volume, self.size, self.voxel, entry=self.entry, axis=self.axis)
 
 
+@dataclass(frozen=True)
+class LayeredRecipe(BoneRecipe):
+    """A bone whose voxels are of two tissues: with their centres above and below a height z [mm]."""
+
+    _KIND = "layers"
+
+    whole: BoneRecipe = field(
+        metadata=_key("bone", lambda plain: _RECIPES[plain["kind"]].of(plain), lambda recipe: recipe.plain())
+    )
+    height: float = field(metadata=_key("boundary_mm", float))
+    tissues: Tissues = field(metadata=_key("tissues", tissues_from_json, tissues_to_json))
+
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The same recipe with another path of its volume."""
+        return replace(self, whole=self.whole.at(path))
+
+    def bone(self) -> VoxelBone:
+        """The bone; errors as those of the whole."""
+        return self.of_whole(self.whole.bone())
+
+    def of_whole(self, bone: VoxelBone) -> VoxelBone:
+        """The same bone, which becomes one of two tissues."""
+        z = bone.origin[2] + bone.spacing[2] * np.arange(bone.shape[0])
+        numbers = np.broadcast_to((z < self.height)[:, None, None], bone.shape)
+        bone.set_tissues(self.tissues, numbers.astype(np.uint8))
+        return bone
+
+
 _RECIPES: dict[str, type[BoneRecipe]] = {
-    kind._KIND: kind for kind in (BlockRecipe, VolumeRecipe, VolumeBlockRecipe, LabelledRecipe, DrilledRecipe)
+    kind._KIND: kind
+    for kind in (BlockRecipe, VolumeRecipe, VolumeBlockRecipe, LabelledRecipe, DrilledRecipe, LayeredRecipe)
 }
 
 #: A recipe as JSON.

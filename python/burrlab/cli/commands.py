@@ -273,6 +273,7 @@ ACTIONS = {
         _PROTOCOL,
         JSON,
         option("--tsv", "write a row a subject and task", metavar="FILE"),
+        option("--trials", "write a row a trial", metavar="FILE"),
         option("--plot", "write all figures there, as PNG", metavar="FOLDER", dest="figures"),
         flag("--incomplete", "with runs that did not come to their end"),
     )),

@@ -26,7 +26,9 @@ from burrlab.cli.options import (
 from burrlab.common.check import refuse
 from burrlab.common.files import write_text
 from burrlab.common.progress import LOG
-from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.analysis import Analysis, analyse, write_rows
+from burrlab.psychophysics.answers import read_folder, trial_rows
+from burrlab.psychophysics.designs import has_boundary
 from burrlab.psychophysics.observer import SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
 from burrlab.psychophysics.psychometric import PsychometricFit
@@ -84,7 +86,7 @@ def do_resume(options: Options) -> int:
 def do_analyse(options: Options) -> None:
     figures = None if options.figures is None else Path(options.figures)
     refuse(figures and figures.exists() and not figures.is_dir(), f"--plot: {figures} is no folder")
-    for name in ("json", "tsv"):
+    for name in ("json", "tsv", "trials"):
         _check_apart(name, getattr(options, name), options.config)
     with working("analysis"):
         analysis = analyse(
@@ -93,6 +95,9 @@ def do_analyse(options: Options) -> None:
         )  # fmt: skip
         if options.tsv is not None:
             analysis.to_tsv(options.tsv)
+        if options.trials is not None:
+            folder = options.config if Path(options.config).is_dir() else Protocol.read(options.config).folder
+            write_rows(options.trials, trial_rows(read_folder(folder)))
         drawn = "" if figures is None else _draw(analysis, figures)
     report = analysis.report(width=shutil.get_terminal_size().columns if sys.stdout.isatty() else None)
     deliver(options, analysis.to_dict(), report + drawn)
@@ -164,6 +169,8 @@ def _sittings(options: Options) -> list[Sitting]:
         "rendered": "each material once a task" if options.fast else "each interval",
         **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
     }
+    if any(map(has_boundary, protocol.tasks.values())):
+        simulated["boundary"] = _simulated_subject(options, "drilling", boundary=True).to_dict()
     return [
         Sitting(
             protocol, subject, tasks=None if options.task is None else [options.task],
@@ -211,17 +218,16 @@ def _sit_down(stack: contextlib.ExitStack, sitting: Sitting) -> int:
     return 0
 
 
-def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
-    return default_subject(
-        mode, **{name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
-    )
+def _simulated_subject(options: Options, mode: Any, *, boundary: bool = False) -> SimulatedSubject:
+    given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
+    return default_subject(mode, boundary=boundary, **given)
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     protocol = sitting.protocol
     design = protocol.tasks[task]
     return SimulatedSeat(
-        _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
+        _simulated_subject(options, design.mode, boundary=has_boundary(design)), design, burr=protocol.burr, bone=protocol.bone,
         seed=protocol.seed, name=f"{sitting.subject} {task}",
         on_progress=lambda text: show_line(
             f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),

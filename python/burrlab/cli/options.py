@@ -196,7 +196,7 @@ def require_options(options: Options, names: Sequence[str], what: str) -> None:
 
 
 _FIGURES = ("plot", "region", "profile", "pictures")
-_FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
+_FILES = ("json", *_FIGURES, "out", "record", "save", "template", "trials", "tsv", "png", "video")
 
 
 def save_figure(axes: Axes, path: str) -> None:

@@ -5,6 +5,7 @@ from burrlab.psychophysics.answers import AnswerFile as AnswerFile
 from burrlab.psychophysics.answers import Answers as Answers
 from burrlab.psychophysics.answers import read_answers as read_answers
 from burrlab.psychophysics.answers import read_folder as read_folder
+from burrlab.psychophysics.answers import trial_rows as trial_rows
 from burrlab.psychophysics.designs import ABX as ABX
 from burrlab.psychophysics.designs import SameDifferent as SameDifferent
 from burrlab.psychophysics.designs import counterbalanced as counterbalanced
@@ -61,6 +62,7 @@ from burrlab.psychophysics.staircase import AdaptiveStaircase as AdaptiveStairca
 from burrlab.psychophysics.staircase import ConstantStimuli as ConstantStimuli
 from burrlab.psychophysics.staircase import Staircase as Staircase
 from burrlab.psychophysics.threshold_task import ThresholdTask as ThresholdTask
+from burrlab.psychophysics.trial import Boundary as Boundary
 from burrlab.psychophysics.trial import Interval as Interval
 from burrlab.psychophysics.trial import Stimulus as Stimulus
 from burrlab.psychophysics.trial import Trial as Trial

@@ -26,7 +26,7 @@ from burrlab.common.table import (
     two_decimals,
     wrapped_lines,
 )
-from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
+from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder, reference_of
 from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
@@ -244,6 +244,13 @@ def sensitivity_lines(functions: Sequence[SensitivityFunction]) -> list[str]:
     return lines
 
 
+def write_rows(file: str | os.PathLike[str] | IO[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Writes tab-separated rows under the names of all their columns: n/a for no value, inf for an open end."""
+    names = list(dict.fromkeys(column for row in rows for column in row))
+    lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
+    write_text(file, "".join("\t".join(line) + "\n" for line in lines))
+
+
 _KIND = "burrlab analysis"
 FORMAT = 1
 
@@ -296,11 +303,11 @@ class Analysis(InJson):
         """
         rows: dict[tuple[str, str], list[WeberFraction]] = {}
         for task in self.tasks:
-            if not isinstance(task, ThresholdTask) or "parameter" not in task.design:
+            if not isinstance(task, ThresholdTask) or (reference := reference_of(task.design)) is None:
                 continue
             parameter, design = task.design["parameter"], task.design
             held = ", sinking speed held" * (design.get("hold") == "sinking speed")
-            reference = design["reference"][{"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}[parameter]]
+            held += " below a boundary" * ("boundary_mm" in design)
             for subject in task.subjects:
                 days = sorted({run.day for each in self.tasks if isinstance(each, ThresholdTask)
                                for run in each.subjects if run.subject == subject.subject})  # fmt: skip
@@ -311,6 +318,7 @@ class Analysis(InJson):
                         rows.setdefault((parameter, name), []).append(
                             WeberFraction.of_levels(
                                 levels, subject=subject.subject, reference=reference, session=str(days.index(subject.day)),
+                                force=subject.pressed,
                             )
                         )  # fmt: skip
         return tuple(
@@ -369,9 +377,7 @@ class Analysis(InJson):
             for task in sorted(self.tasks, key=lambda task: isinstance(task, ThresholdTask))  # scores first
             for subject in task.subjects
         ]
-        names = list(dict.fromkeys(column for row in rows for column in row))
-        lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
-        write_text(file, "".join("\t".join(line) + "\n" for line in lines))
+        write_rows(file, rows)
 
     def __eq__(self, other: object) -> bool:
         # A criterion may be NaN, which differs from itself.
@@ -568,6 +574,7 @@ def _notes_on_trials(tasks: Iterable[TaskData]) -> list[str]:
     notes = ["Practice trials are left out."] if runs else []
     counted: Mapping[str, Callable[[AnswerRow], int]] = {
         "Trials that were repeated, as the loop had stalled": lambda row: row.repeats or 0,
+        "Trials left out, as the burr did not come to the boundary": lambda row: row.lost,
         f"Answers within {TOO_FAST:g} s of the question, too fast to have judged": (
             lambda row: row.response_time is not None and row.response_time < TOO_FAST
         ),

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +25,7 @@ from burrlab.psychophysics.side_car import (
     SideCar,
     as_text,
     columns_of,
+    is_optional,
     read_side_car,
     side_car_path,
 )
@@ -66,8 +67,8 @@ class Answers(table.Tabular):
 
     @property
     def main(self) -> tuple[AnswerRow, ...]:
-        """The rows of the main phase."""
-        return tuple(row for row in self.rows if row.phase == "main")
+        """The rows of the main phase that count."""
+        return tuple(row for row in self.rows if row.phase == "main" and not row.lost)
 
     @property
     def simulated(self) -> bool:
@@ -100,19 +101,18 @@ class Answers(table.Tabular):
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
         rows = [row.fields() for row in self.rows]
-        columns = [column for column in columns_of(self.task, limited=True) if not rows or column in rows[0]]
-        return {column: [row[column] for row in rows] for column in columns}
+        table = {column: [row.get(column) for row in rows] for column in columns_of(self.task)}
+        return {column: x for column, x in table.items() if not is_optional(column) or set(x) != {None}}
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The rows as a pandas DataFrame; as in the file, but `onset`, `duration` and `response_time` end in _s.
+        """The rows as a pandas DataFrame; as in the file, but columns with units end in them.
 
         Raises
         ------
         ImportError
             If pandas is not installed.
         """
-        units = {column: f"{column}_s" for column in ("onset", "duration", "response_time")}
-        return table.dataframe({units.get(name, name): values for name, values in self._table().items()})
+        return table.dataframe({_UNITS.get(name, name): values for name, values in self._table().items()})
 
     def __repr__(self) -> str:
         kind = "a simulated subject" if self.simulated else "subject"
@@ -126,6 +126,10 @@ class Answers(table.Tabular):
 
 
 _PARTICIPANT = "participant_id"
+#: Names of columns in tables for other programs.
+_UNITS = {name: f"{name}_s" for name in ("onset", "duration", "response_time")} | {
+    "boundary": "boundary_mm", **{f"force_{place}": f"force_{place}_N" for place in (1, 2, 3)},
+}  # fmt: skip
 #: Columns that the order of the trials decides, besides those of each interval.
 _PLANNED = ("phase", "trial", "block", "trial_type", "level", "correct")
 
@@ -196,7 +200,7 @@ def read_answers(
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
     """A reader that holds all rows of a file, checked. Errors are those of `read_answers`."""
     text_table = table.parse(file, content)
-    known = (*columns_of(task, limited=True), _PARTICIPANT)
+    known = (*columns_of(task), _PARTICIPANT)
     for column in text_table.columns:
         refuse(
             column not in known,
@@ -289,6 +293,39 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     return tuple(runs[key] for key in sorted(runs))
 
 
+def reference_of(design: Mapping[str, Any]) -> float | None:
+    """The reference's parameter in a design's `to_dict` [N/mm^2 or 1/ms]; None if it varies none."""
+    keys = {"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}
+    key = keys.get(design.get("parameter", ""))
+    return None if key is None else float(design["reference"][key])
+
+
+def trial_rows(runs: Iterable[Answers]) -> list[dict[str, Any]]:
+    """All trials of several runs, a row each, such as for `pandas.DataFrame`.
+
+    Parameters
+    ----------
+    runs : iterable of Answers
+        Such as `read_folder(folder)`.
+
+    Returns
+    -------
+    list of dict
+        Subject, task, day (UTC), mode, parameter and reference [N/mm^2 or 1/ms] of the run, then the columns of
+        the files; times end in _s, forces in _N.
+    """
+    return [
+        {
+            "subject": answers.subject, "task": answers.name,
+            "day": None if answers.side_car is None else answers.side_car.started[:10],
+            "mode": answers.design.get("mode"), "parameter": answers.design.get("parameter"),
+            "reference": reference_of(answers.design),
+            **{_UNITS.get(name, name): column[i] for name, column in columns.items()},
+        }
+        for answers in runs for columns in [answers._table()] for i in range(len(answers.rows))
+    ]  # fmt: skip
+
+
 def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> None:
     """Feeds the responses of a file to an order, and checks each row against the order's trial.
 
@@ -314,13 +351,17 @@ def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> No
             trial, onset=0.0, duration=0.0, response=row.response, response_time=None, endings=()
         ).fields()
         recorded = row.fields()
-        for column in (*_PLANNED, *(name for name in planned if name.startswith(("stimulus", "seed")))):
+        for column in (
+            *_PLANNED,
+            "boundary",
+            *(name for name in planned if name.startswith(("stimulus", "seed"))),
+        ):
             refuse(
                 recorded.get(column) != planned[column],
                 f"{file}, line {line}, column {column}: {recorded.get(column)!r} where {row.phase} trial "
                 f"{row.trial} has {planned[column]!r}: made with another seed or protocol",
             )
-        order.answer(row.response)
+        order.answer(row.response, lost=row.lost)
 
 
 def _labels(file: str, car: SideCar | None, options: Mapping[str, str | None]) -> dict[str, Any]:
@@ -552,9 +593,8 @@ def _end(row: AnswerRow) -> float:
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
     expected, columns = side_car.columns, table.parse(os.fspath(path), content).columns
-    earlier = columns_of(side_car.task)
-    if columns in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
-        return columns
+    if columns == tuple(x for x in expected if x in columns or not is_optional(x)):
+        return columns  # of an earlier version
     pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
     for place, (was, now) in enumerate(pairs, start=1):
         refuse(

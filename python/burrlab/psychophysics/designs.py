@@ -19,7 +19,17 @@ from burrlab.common.check import refuse, require_type
 from burrlab.common.records import law_of
 from burrlab.psychophysics.power import design_power
 from burrlab.psychophysics.rules import one_of, whole
-from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, Phase, Stimulus, TaskDesign, Trial
+from burrlab.psychophysics.trial import (
+    MODES,
+    Boundary,
+    Interval,
+    Mode,
+    Order,
+    Phase,
+    Stimulus,
+    TaskDesign,
+    Trial,
+)
 
 
 def seconds(name: str, value: float) -> float:
@@ -28,13 +38,14 @@ def seconds(name: str, value: float) -> float:
     return float(value)
 
 
-def rendered(name: str, stimulus: Stimulus) -> None:
-    """Raises ValueError unless the stimulus has a material."""
+def rendered(name: str, stimulus: Stimulus) -> Material:
+    """The stimulus's material; ValueError for a real specimen."""
     require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
-    refuse(
-        stimulus.material is None,
-        f"{name} must have a material to be rendered, got the real specimen {stimulus.name!r}",
-    )
+    if stimulus.material is None:
+        raise ValueError(
+            f"{name} must have a material to be rendered, got the real specimen {stimulus.name!r}"
+        )
+    return stimulus.material
 
 
 def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
@@ -161,9 +172,8 @@ class FixedOrder(Order):
     """
 
     def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
+        super().__init__(answers)
         self.trials = tuple(trials)
-        self.answered = []
-        self._answers = answers
 
     @property
     def total(self) -> int:
@@ -253,6 +263,7 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
 
 Parameter: TypeAlias = Literal["c_e", "alpha"]
 Hold: TypeAlias = Literal["other", "sinking speed"]
+Foil: TypeAlias = Literal["either", "middle"]
 
 #: Units of the parameters.
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
@@ -272,6 +283,9 @@ class ComparisonDesign(TaskDesign):
       0.068 c_e R^2. For bone, a burr of 3 mm and levels of 0.75 to 1.3 it stays within 1 % at 1 N
       (mean-field); at 2 N it is 10 % faster to 17 % slower.
     * alpha drilled: in which interval the burr sinks faster. The correct one has more alpha.
+    * With a `boundary`: in which interval the bone changes. There the reference lies above and the comparison
+      below, so a level's side of 1 tells hard to soft from soft to hard. The other interval has one bone, the
+      `foil`. docs/psychophysics.md says what is left to judge by.
 
     Parameters
     ----------
@@ -289,6 +303,12 @@ class ComparisonDesign(TaskDesign):
         Trials before the first block; they do not count.
     blocks : int
         Number of blocks, with breaks between them.
+    boundary : (float, float), optional
+        Least and greatest depth of a boundary below the surface [mm], drawn anew in each trial. By default
+        there is none. Trials whose burr did not reach it are lost: they move no staircase and do not count.
+    foil : {"either", "middle"}
+        The one bone without the boundary: that of either side at random; or one between them, with the
+        geometric mean of their c_e and the arithmetic mean of their times for a millimetre.
 
     Attributes
     ----------
@@ -305,6 +325,8 @@ class ComparisonDesign(TaskDesign):
     interval: float = 20.0
     practice: int = 0
     blocks: int = 1
+    boundary: Sequence[float] | None = None
+    foil: Foil = "either"
 
     task = "2ifc"
     _derived: ClassVar[tuple[str, ...]] = ("held", "question", "chance")
@@ -333,6 +355,16 @@ class ComparisonDesign(TaskDesign):
         for name in ("c_e", "alpha"):
             refuse(getattr(self._material, name) == 0.0, f"reference must have {name} above 0, got 0")
         asked = "did the burr sink faster" if self._asks_speed else "was the material stiffer"
+        one_of("foil", self.foil, ("either", "middle"))
+        refuse(self.boundary is None and self.foil != "either", "foil goes with boundary")
+        if self.boundary is not None:
+            depths, asked = tuple(map(float, self.boundary)), "did the bone change on the way"
+            refuse(
+                len(depths) != 2 or not 0.0 < depths[0] <= depths[1] < math.inf,
+                f"boundary must be two depths above 0 [mm], the lesser first, got {list(depths)}",
+            )
+            refuse(self.mode == "probing", "boundary goes with mode 'drilling', got 'probing'")
+            object.__setattr__(self, "boundary", depths)
         object.__setattr__(self, "question", f"In which interval {asked}, the first or the second?")
 
     @property
@@ -358,7 +390,10 @@ class ComparisonDesign(TaskDesign):
     @property
     def what(self) -> str:
         """The varied parameter, the reference and what is held, in words."""
-        return f"{self.parameter} around {self.reference.name} ({self.mode}; {self.held}), chance {self.chance:g}"
+        within = (
+            "" if self.boundary is None else "below a boundary at {:g} to {:g} mm, ".format(*self.boundary)
+        )
+        return f"{self.parameter} {within}around {self.reference.name} ({self.mode}; {self.held}), chance {self.chance:g}"
 
     @property
     def _exponent(self) -> float:
@@ -402,26 +437,59 @@ class ComparisonDesign(TaskDesign):
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
         level = checked_level("level", level)
+        c_e, alpha = self._constants(level)
+        return self._varied("", level, c_e, alpha, f"with {self.parameter} times {level:.17g}; {self.held}")
+
+    def _constants(self, level: float) -> tuple[float, float]:
+        """c_e and alpha of a level."""
         c_e, alpha = self._material.c_e, self._material.alpha
         if self.parameter == "alpha":
-            alpha *= level
-        else:
-            c_e *= level
-            if self.hold == "sinking speed":
-                alpha *= level**self._exponent
-        name = f"{self.reference.name} {self.parameter} x{level:.6g}"
-        source = f"{self._material.name} with {self.parameter} times {level:.17g}; {self.held}"
-        shape, law = self._material.shape, law_of(self._material)
-        return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=shape, source=source, **law))
+            return c_e, alpha * level
+        return c_e * level, alpha * level**self._exponent if self.hold == "sinking speed" else alpha
+
+    def _varied(self, where: str, level: float, c_e: float, alpha: float, source: str) -> Stimulus:
+        name = f"{self.reference.name} {where}{self.parameter} x{level:.6g}"
+        material, law = self._material, law_of(self._material)
+        source = f"{material.name} {source}"
+        return Stimulus(
+            name, Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
+        )
+
+    def middle(self, level: float) -> Stimulus:
+        """The foil between the bones above and below a boundary."""
+        (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
+        p, mean = self._exponent, math.sqrt(c_e * c_e_below)
+        slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
+        return self._varied(
+            "between ", level, mean, mean**p / slowness, f"and its level {level:.17g}, between"
+        )
+
+    def sinks_faster(self, level: float) -> bool:
+        """Whether the burr sinks faster in a level's comparison than in the reference."""
+        return (level > 1.0) == (self.parameter == "alpha")
 
     def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
         """A trial with reference and comparison in the order of RC or CR, at a level."""
         order, level = kind
-        stimuli = {"R": self.reference, "C": self.comparison(level)}
-        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in order)
-        # In a comparison of more c_e the burr sinks more slowly.
-        more = "C" if (level > 1.0) != (self._asks_speed and self.parameter == "c_e") else "R"
-        return Trial(number, phase, block, order, intervals, self.answers[order.index(more)], level)
+        comparison = self.comparison(level)
+        more = self.sinks_faster(level) if self._asks_speed else level > 1.0
+        one, other, boundary, correct = self.reference, comparison, None, "C" if more else "R"
+        if self.boundary is not None:
+            low, high = self.boundary
+            depth = round(low + (high - low) * draws.below(1001) / 1000.0, 6)
+            boundary, correct = Boundary(depth, rendered("comparison", comparison)), "C"
+            one = self.middle(level) if self.foil == "middle" else (one, other)[draws.below(2)]
+            other = Stimulus(f"{self.reference.name} over {comparison.name}", self._material)
+        stimuli = {"R": (one, None), "C": (other, boundary)}
+        intervals = tuple(
+            Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order
+        )
+        return Trial(number, phase, block, order, intervals, self.answers[order.index(correct)], level)
+
+
+def has_boundary(design: TaskDesign) -> bool:
+    """Whether a design asks for a boundary."""
+    return isinstance(design, ComparisonDesign) and design.boundary is not None
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Device, Material, RecordReader, VoxelBone
-from burrlab.bone.recipe import VolumeBlockRecipe, VolumeRecipe, block_recipe
+from burrlab._core import Burr, Device, Material, RecordReader, Tissue, Tissues, VoxelBone
+from burrlab.bone.recipe import BlockRecipe, BoneRecipe, LayeredRecipe, VolumeBlockRecipe, VolumeRecipe
 from burrlab.common.check import check_positive, refuse
 from burrlab.common.records import law_of
-from burrlab.psychophysics.trial import MODES, Interval, Mode
+from burrlab.psychophysics.trial import MODES, Boundary, Interval, Mode
 from burrlab.session.session import Session
 from burrlab.session.settings import Clock, Safety, StartingBone
 
@@ -70,13 +70,29 @@ class Block:
         half = 0.5 * self.voxel
         return round(half - 0.5 * x, 9), round(half - 0.5 * y, 9), round(half - z, 9)
 
+    @property
+    def _made(self) -> BoneRecipe:
+        return BlockRecipe(self.size, self.voxel, self.origin, 255)
+
     def fresh(self) -> VoxelBone:
         """The untouched bone."""
-        return VoxelBone.block(self.size, self.voxel, origin=self.origin)
+        return self._made.bone()
 
     def recipe(self) -> dict[str, Any]:
         """A recipe of the same bone, for a session's trace."""
-        return block_recipe(self.size, self.voxel, origin=self.origin)
+        return self._made.plain()
+
+    def start(self, above: Material, boundary: Boundary | None = None) -> StartingBone:
+        """The untouched bone, of two tissues with a boundary, for a session."""
+        if boundary is None:
+            return StartingBone(self.fresh(), source=self.recipe())
+        tissues = [
+            Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha, assumed=False)
+            for name, label, material in (("above", 1, above), ("below", 2, boundary.below))
+        ]
+        layers = LayeredRecipe(self._made, -boundary.depth, Tissues(tissues, above))
+        notes = {key: value for key, value in self.recipe().items() if key == "notes"}
+        return StartingBone(layers.of_whole(self.fresh()), source=notes | layers.plain())
 
     def plain(self) -> dict[str, Any]:
         """The block in a protocol's JSON."""
@@ -255,6 +271,8 @@ class Rendered:
         used.
     clipped : float
         Share of the ticks in contact whose force the limits shortened [1].
+    reached : bool
+        Whether the burr's tip came to the interval's boundary; True without one.
     """
 
     mode: Mode
@@ -267,11 +285,18 @@ class Rendered:
     reason: str = ""
     failed: bool = False
     clipped: float = 0.0
+    reached: bool = True
 
     @property
     def immersion(self) -> NDArray[np.float64]:
         """Depth of the burr's tip below the untouched surface at each tick, negative above [mm]."""
         return np.asarray(self.burr.radius - self.ticks["center"][:, 2])
+
+    @property
+    def pressed(self) -> float:
+        """Mean of the model's force over the time of contact [N]; 0 without contact."""
+        force = np.linalg.norm(self.ticks["force"], axis=1) * self.ticks["periods"]
+        return float(force[self.ticks["touching"]].sum()) * _PERIOD / self.contact if self.contact else 0.0
 
 
 def render(
@@ -342,7 +367,7 @@ def render(
     )
     bone.check_burr(burr)
     session = Session(
-        StartingBone(bone.fresh(), source=bone.recipe()), (burr, material), device, seed=interval.seed,
+        bone.start(material, interval.boundary), (burr, material), device, seed=interval.seed,
         duration=interval.duration, record=record, on_message=on_message, publish=publish,
         clock=Clock(wall_clock=wall_clock, realtime=wall_clock), safety=Safety(limits=limits, ramp=0.0),
     )  # fmt: skip
@@ -360,6 +385,7 @@ def render(
     in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
     otherwise: Ending = "time" if in_time and not session.failed else "device"
     ticks = watch.ticks()
+    deepest = burr.radius - float(ticks["center"][:, 2].min(initial=math.inf))
     return Rendered(
         mode=mode,
         ended=watch.ended or ("subject" if stopped else otherwise),
@@ -371,6 +397,7 @@ def render(
         reason=session.reason,
         failed=session.failed,
         clipped=watch.clipped / max(1, int(ticks["touching"].sum())),
+        reached=interval.boundary is None or deepest >= interval.boundary.depth,
     )
 
 

@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
 from burrlab.psychophysics.rules import ANSWERS, Floats, RuleName, TaskName, one_of, rule_of
-from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
+from burrlab.psychophysics.trial import Boundary, Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # peak push of a press [N]; ours
 PRESSES = 0.5  # presses per second, ten in 20 s; ours
@@ -92,10 +92,13 @@ def drilling_hand(
     return HandDevice((0.0, 0.0, burr.radius + clearance), push=push, amplitude=0.5 * stroke, strokes=strokes)
 
 
-CueName: TypeAlias = Literal["stiffness", "force", "sinking"]
+CueName: TypeAlias = Literal["stiffness", "force", "sinking", "change"]
 
-CUES: tuple[CueName, ...] = ("stiffness", "force", "sinking")
-CUES_OF: dict[Mode, tuple[CueName, ...]] = {"probing": ("stiffness", "force"), "drilling": ("sinking",)}
+CUES: tuple[CueName, ...] = ("stiffness", "force", "sinking")  # that two materials differ in
+CUES_OF: dict[Mode, tuple[CueName, ...]] = {
+    "probing": ("stiffness", "force"),
+    "drilling": ("sinking", "change"),
+}
 
 IMMERSION = 0.2  # where the force cue is measured [mm]; ours
 
@@ -117,12 +120,18 @@ class Cues:
         Logarithm of the tip's greatest depth below the untouched surface over the time of contact [mm/s].
     presses : int
         Number of presses found; 0 in drilling.
+    change : float
+        Logarithm of how far the burr sank in the second half of the time of contact over how far in the first.
+    reached : bool
+        Whether the burr came to the interval's boundary; no cue.
     """
 
     stiffness: float = math.nan
     force: float = math.nan
     sinking: float = math.nan
     presses: int = 0
+    change: float = math.nan
+    reached: bool = True
 
 
 def interval_cues(rendered: Rendered) -> Cues:
@@ -145,8 +154,13 @@ def interval_cues(rendered: Rendered) -> Cues:
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":
-        sank = rendered.contact > 0.0 and depth.max() > 0.0
-        return Cues(sinking=math.log(float(depth.max()) / rendered.contact)) if sank else Cues()
+        if not (rendered.contact > 0.0 and depth.max() > 0.0):
+            return Cues(reached=rendered.reached)
+        sunk = np.maximum.accumulate(depth[int(np.argmax(rendered.ticks["touching"])) :])
+        first, all_of_it = (float(sunk[i]) for i in (len(sunk) // 2, -1))
+        later = math.log(all_of_it / first - 1.0) if 0.0 < first < all_of_it else math.nan
+        sinking = math.log(all_of_it / rendered.contact)
+        return Cues(sinking=sinking, change=later, reached=rendered.reached)
     stiffness, at_depth = [], []
     before = 0
     for start, end in _presses(force):
@@ -194,8 +208,9 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
 
 @functools.lru_cache(maxsize=512)
 def rendered_cues(
-    material: Material, mode: Mode, *, burr: Burr, bone: Block, duration: float = 20.0, seed: int = 1
-) -> Cues:
+    material: Material, mode: Mode, *, burr: Burr, bone: Block, duration: float = 20.0, seed: int = 1,
+    boundary: Boundary | None = None,
+) -> Cues:  # fmt: skip
     """The cues of an interval with the mode's simulated hand on the virtual clock, cached.
 
     Parameters
@@ -208,6 +223,7 @@ def rendered_cues(
         [s]
     seed : int
         Seed of the erosion.
+    boundary : Boundary, optional
 
     Returns
     -------
@@ -219,7 +235,7 @@ def rendered_cues(
         As for `render`.
     """
     hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
-    interval = Interval(Stimulus(material.name, material), seed, duration)
+    interval = Interval(Stimulus(material.name, material), seed, duration, boundary)
     return interval_cues(render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False))
 
 
@@ -267,7 +283,7 @@ class SimulatedSubject:
         The Weber fraction (`burrlab.psychophysics.weber`): standard deviation of the noise of a cue's
         logarithm in one interval. Twenty seconds do not average it away. No value is published for the
         sinking speed.
-    cues : sequence of {"stiffness", "force", "sinking"}
+    cues : sequence of {"stiffness", "force", "sinking", "change"}
         The cues that the subject attends to.
     decision : {"differencing", "covert"}
         Compare the intervals with one another, or classify each as one of two known materials and compare
@@ -301,7 +317,7 @@ class SimulatedSubject:
     criterion; covert, if they lie on different sides of the middle between the known materials. In ABX,
     differencing chooses the alternative closer to the reference; covert, the one further towards the
     reference's side of the middle. In two intervals both choose the interval with more: stiffer in probing,
-    faster sinking in drilling. A subject who has not been taught weighs several cues by 1/s_i^2. Without
+    faster sinking in drilling, the greater change in the direction of the boundary. A subject who has not been taught weighs several cues by 1/s_i^2. Without
     memory noise these are the rules of `rule_of`.
 
     Examples
@@ -323,8 +339,8 @@ class SimulatedSubject:
     def __post_init__(self) -> None:
         cues = tuple(self.cues)
         refuse(
-            not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues),
-            f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}",
+            not cues or any(cue not in get_args(CueName) for cue in cues) or len(set(cues)) < len(cues),
+            f"cues must be some of {', '.join(get_args(CueName))}, each once, got {cues!r}",
         )
         fractions = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
         for cue in cues:
@@ -469,7 +485,7 @@ class SimulatedSubject:
             refuse(
                 not np.isfinite(values[:, i]).all(),
                 f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
-                "sinking by drilling",
+                "sinking and change by drilling",
             )
         return values
 

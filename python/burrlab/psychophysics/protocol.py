@@ -513,6 +513,12 @@ class Protocol:
         )
         experiment.done()
         file.done()
+        for task, design in protocol.tasks.items():
+            if isinstance(design, ComparisonDesign) and design.boundary is not None:
+                deep = design.boundary[1] >= bone.size[2]
+                file.refuse(
+                    deep, f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep"
+                )
         return protocol
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import scipy
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
 from burrlab.common.check import refuse
-from burrlab.psychophysics.designs import ABX, Draws
+from burrlab.psychophysics.designs import ABX, ComparisonDesign, Draws
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
     CUES,
@@ -84,7 +84,7 @@ def rehearse(
     all_counts = []
     for number in range(1, subjects + 1):
         order = rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
-        main = [(t.trial_type, response, t.correct) for t, response in order.answered if t.phase == "main"]
+        main = [(trial.trial_type, response, trial.correct) for trial, response in order.counted()]
         all_counts.append(counts_of(design.task, main))
     return all_counts
 
@@ -109,8 +109,15 @@ def rehearsed_order(
     order = design.order(seed=seed, subject=name)
     while (trial := order.next()) is not None:
         felt = [_felt(design, interval, burr, bone) for interval in trial.intervals]
-        order.answer(taught.respond(trial, felt, rng))
+        lost = not all(cues.reached for cues in felt)
+        order.answer(taught.respond(trial, _towards_boundary(design, trial, felt), rng), lost=lost)
     return order
+
+
+def _towards_boundary(design: TaskDesign, trial: Trial, felt: Sequence[Cues]) -> list[Cues]:
+    """The cues, of which more change means a boundary as the trial has it."""
+    slower = isinstance(design, ComparisonDesign) and trial.level and not design.sinks_faster(trial.level)
+    return [replace(cues, change=-cues.change) if slower else cues for cues in felt]
 
 
 def teach(
@@ -158,8 +165,9 @@ def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cu
     assert stand_in.duration is not None
     seed = 1 if design.mode == "probing" else 1 + interval.seed % REPLICATES
     return rendered_cues(
-        stand_in.stimulus.material, design.mode, burr=burr, bone=bone, duration=stand_in.duration, seed=seed
-    )
+        stand_in.stimulus.material, design.mode, burr=burr, bone=bone, duration=stand_in.duration, seed=seed,
+        boundary=interval.boundary,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -515,10 +523,13 @@ def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float,
 
 
 def default_subject(
-    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing"
-) -> SimulatedSubject:
-    """A subject who feels stiffness in probing, or sinking speed (no published fraction) in drilling."""
-    return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1], decision=decision)
+    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing", boundary: bool = False
+) -> SimulatedSubject:  # fmt: skip
+    """A subject who feels stiffness in probing; in drilling sinking speed, or its change with a boundary.
+
+    For speeds and their changes no fraction is published.
+    """
+    return SimulatedSubject(weber=weber, cues=[CUES_OF[mode][boundary]], decision=decision)
 
 
 class SimulatedSeat(Seat):
@@ -564,7 +575,8 @@ class SimulatedSeat(Seat):
         cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
         what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
         draws = Draws(self._seed, self._name, {"simulated": what})
-        return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
+        towards = _towards_boundary(design, trial, cues)
+        return self._subject.respond(trial, towards, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
         self._on_progress(text)

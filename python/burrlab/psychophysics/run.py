@@ -136,14 +136,14 @@ class Runner:
                 self._design, trial, [interval.rendered for interval in felt]
             )
             onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
-            self._file.append(
-                AnswerRow.of(
-                    trial, onset=onset, duration=felt[-1].over - onset, response=response,
-                    response_time=response_time, endings=endings, repeats=repeats,
-                    clipped=[None if x.rendered is None else x.rendered.clipped for x in felt],
-                )
+            row = AnswerRow.of(
+                trial, onset=onset, duration=felt[-1].over - onset, response=response, response_time=response_time,
+                endings=endings, repeats=repeats, felt=[interval.rendered for interval in felt],
             )  # fmt: skip
-            self._order.answer(response)
+            self._file.append(row)
+            self._order.answer(response, lost=row.lost)
+            if row.lost:
+                self._experimenter.say(f"trial {trial.number} does not count: the boundary was not reached")
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
 
@@ -319,7 +319,7 @@ class Runner:
         self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
     ) -> None:
         right = response == trial.correct
-        main = [r == t.correct for t, r in self._order.answered if t.phase == "main"]
+        main = [response == trial.correct for trial, response in self._order.counted()]
         fast = response_time is not None and response_time < TOO_FAST
         duration = "" if response_time is None else f" in {response_time:.2f} s"
         self._experimenter.say(
@@ -499,7 +499,7 @@ def _rendered_once() -> Callable[..., Rendered]:
     rendered: dict[tuple[Any, ...], Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:
-        key = (interval.stimulus, interval.duration)
+        key = (interval.stimulus, interval.duration, interval.boundary)
         if key not in rendered:
             rendered[key] = render(interval, device, **options)
         return rendered[key]

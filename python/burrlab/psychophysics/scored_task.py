@@ -200,7 +200,9 @@ def _subject(answers: Answers) -> SubjectData:
         answers.counts() if answers.main else None,
         None
         if answers.trials is None
-        else answers.trials - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch")),
+        else answers.trials
+        - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch"))
+        - sum(row.lost and row.phase == "main" for row in answers.rows),
         answers.simulated,
         level_counts(answers.main),
         answers,
@@ -250,7 +252,8 @@ def design_text(design: Mapping[str, Any]) -> str:
         match = "" if names["match"] == names["reference"] else f", match {names['match']}"
         text = f"reference {names['reference']}{match}, foil {names['foil']}"
     elif "parameter" in design and "reference" in design:
-        text = f"{design['parameter']} around {names['reference']}"
+        within = "below a boundary " * ("boundary_mm" in design)
+        text = f"{design['parameter']} {within}around {names['reference']}"
     return f"{text}, {design['mode']}" if text and "mode" in design else text
 
 

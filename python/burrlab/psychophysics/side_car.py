@@ -17,7 +17,7 @@ import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
-from burrlab.psychophysics.interval import ENDINGS
+from burrlab.psychophysics.interval import ENDINGS, Rendered
 from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.psychophysics.trial import Phase, Trial
@@ -34,7 +34,11 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
 TOO_FAST = 0.2
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
 #: Columns of each interval, and the fields that hold them.
-_NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings", "clipped": "clipped"}
+_NUMBERED = {
+    "stimulus": "stimuli", "seed": "seeds", "ended": "endings", "clipped": "clipped", "force": "forces",
+}  # fmt: skip
+#: Columns that only some files have, or that earlier versions did not write.
+_OPTIONAL = ("boundary", "reached", "clipped", "force", "repeats")
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,12 @@ class AnswerRow:
         How often the trial was repeated because the loop stalled.
     clipped : tuple of float or None
         Share of the ticks in contact whose force the limits shortened [1]; in files of a device with limits.
+    boundary : float or None
+        Depth of the comparison's boundary [mm], in tasks with one.
+    reached : bool or None
+        Whether the burr came to the boundary.
+    forces : tuple of float or None
+        Mean of the model's force over the time of contact [N].
     """
 
     onset: float
@@ -83,25 +93,40 @@ class AnswerRow:
     endings: tuple[str | None, ...] = ()
     repeats: int | None = None
     clipped: tuple[float | None, ...] = ()
+    boundary: float | None = None
+    reached: bool | None = None
+    forces: tuple[float | None, ...] = ()
 
     @classmethod
     def of(
         cls, trial: Trial, *, onset: float, duration: float, response: str, response_time: float | None,
-        endings: Sequence[str], repeats: int = 0, clipped: Sequence[float | None] = (),
+        endings: Sequence[str], repeats: int = 0, felt: Sequence[Rendered | None] = (),
     ) -> "AnswerRow":  # fmt: skip
-        """The answer to a trial; times [s] are kept to the microsecond."""
+        """The answer to a trial; times [s] are kept to the microsecond, forces to 0.1 mN.
+
+        `felt` holds what was rendered, None for a real specimen.
+        """
+        boundary = next((x.boundary.depth for x in trial.intervals if x.boundary is not None), None)
         return cls(
             round(float(onset), 6), round(float(duration), 6), trial.trial_type, response, response == trial.correct,
             None if response_time is None else round(float(response_time), 6),
             trial.number, trial.phase, trial.block, trial.level,
             tuple(interval.stimulus.name for interval in trial.intervals),
             tuple(interval.seed for interval in trial.intervals),
-            tuple(endings), repeats, tuple(clipped),
+            tuple(endings), repeats, tuple(None if x is None else x.clipped for x in felt),
+            boundary, None if boundary is None else all(x is None or x.reached for x in felt),
+            tuple(None if x is None else round(x.pressed, 4) for x in felt),
         )  # fmt: skip
+
+    @property
+    def lost(self) -> bool:
+        """Whether the trial does not count, as the burr did not come to the boundary."""
+        return self.reached is False
 
     def fields(self) -> dict[str, Any]:
         """Values by column."""
         named = {**vars(self), "correct": int(self.correct)}
+        named["reached"] = None if self.reached is None else int(self.reached)
         for column, name in _NUMBERED.items():
             named |= {f"{column}_{place}": value for place, value in enumerate(named.pop(name), start=1)}
         return named
@@ -113,15 +138,20 @@ class AnswerRow:
         )
 
 
-def columns_of(task: TaskName, *, limited: bool = False) -> tuple[str, ...]:
-    """All columns of a file, in order; with limits those of what they clipped."""
-    columns = [column for column in _NUMBERED if limited or column != "clipped"]
-    numbered = [f"{column}_{place}" for column in columns for place in range(1, INTERVALS[task] + 1)]
-    return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
+def columns_of(task: TaskName, *, without: Sequence[str] = ()) -> tuple[str, ...]:
+    """All columns of a file, in order, without some that are optional."""
+    numbered = [f"{column}_{place}" for column in _NUMBERED for place in range(1, INTERVALS[task] + 1)]
+    columns = (*REQUIRED, "phase", "block", "level", "boundary", "reached", *numbered, "repeats")
+    return tuple(column for column in columns if _unnumbered(column) not in without)
 
 
 def _unnumbered(column: str) -> str:
     return column.rstrip("_123")
+
+
+def is_optional(column: str) -> bool:
+    """Whether a file may lack a column that is written now."""
+    return _unnumbered(column) in _OPTIONAL
 
 
 def as_text(row: AnswerRow, task: TaskName, columns: Sequence[str] = ()) -> bytes:
@@ -171,7 +201,7 @@ class RowReader:
             If a field is invalid, or contradicts another field or row; the message names the column.
         """
         fields_read: dict[str, Any] = {}
-        for column in filter(fields.__contains__, columns_of(self.task, limited=True)):
+        for column in filter(fields.__contains__, columns_of(self.task)):
             try:
                 fields_read[column] = self._read[_unnumbered(column)](fields[column])
             except ValueError as error:
@@ -206,7 +236,8 @@ class RowReader:
 def _side(row: AnswerRow, answer: str) -> bool | None:
     """Whether the interval with more of the parameter is correct; None if the two intervals are equal."""
     comparison = (answer == "first") == (row.trial_type == "CR")
-    return None if row.level is None or row.level == 1.0 else comparison == (row.level > 1.0)
+    more = row.boundary is not None or (row.level or 1.0) > 1.0
+    return None if row.level in (None, 1.0) else comparison == more
 
 
 def _check_place(row: AnswerRow, before: AnswerRow, expected: int) -> None:
@@ -261,6 +292,9 @@ _READ: Mapping[str, Callable[[str], Any]] = {
     "seed": functools.partial(table.whole, below=2**64),
     "ended": _one_of((None, *ENDINGS)),
     "clipped": _kept(table.number_or_none, "must be 0 to 1", lambda value: value is None or 0 <= value <= 1),
+    "boundary": _kept(table.number_or_none, "must be above 0 [mm]", lambda value: value is None or value > 0),
+    "reached": lambda text: {"0": False, "1": True, None: None}[_one_of((None, "0", "1"))(text)],
+    "force": _kept(table.number_or_none, "must be at least 0 [N]", lambda value: value is None or value >= 0),
     "repeats": functools.partial(table.whole, below=10),
 }
 
@@ -302,9 +336,14 @@ _COLUMNS = {
     "seed": "Seed of the erosion in interval {}, 64 bits",
     "ended": "How interval {} ended",
     "clipped": "Share of the ticks in contact of interval {} whose force the limits of device and session shortened",
+    "boundary": "Depth below the surface at which the comparison's material begins",
+    "reached": "Whether the burr's tip came to the boundary; otherwise the trial does not count",
+    "force": "Mean of the model's force over the time of contact of interval {}",
     "repeats": "How often the trial was broken off and begun anew, as the loop had stalled",
 }
-_UNITS = {"onset": "s", "duration": "s", "response_time": "s", "level": "1", "clipped": "1"}
+_UNITS = {
+    "onset": "s", "duration": "s", "response_time": "s", "level": "1", "clipped": "1", "boundary": "mm", "force": "N",
+}  # fmt: skip
 #: Keys of the file, fields and types.
 _FIELDS: Mapping[str, tuple[str, type]] = {
     "Subject": ("subject", str), "TaskName": ("name", str), "Instructions": ("question", str), "Started": ("started", str),
@@ -369,7 +408,10 @@ class SideCar:
     def columns(self) -> tuple[str, ...]:
         """Columns of a new file; with those of clipping where the device may have limits of its own."""
         own = self.device.partition(":")[0] in ("touch", "omega", "haply", "driver")
-        return columns_of(self.task, limited=own or "limits" in self.protocol.get("experiment", {}))
+        limited = own or "limits" in self.protocol.get("experiment", {})
+        layered = self.design.get("boundary_mm") is not None
+        without = ("clipped",) * (not limited) + ("boundary", "reached") * (not layered)
+        return columns_of(self.task, without=without)
 
     def differences(self, other: "SideCar", *, across_subjects: bool = False) -> tuple[str, ...]:
         """Relevant changes in another run of this task, in sentences; empty if none.
@@ -505,6 +547,7 @@ def descriptions(columns: Sequence[str], task: TaskName, keys: str = KEYS) -> di
         },
         "response": {answer: f"key {key}" for key, answer in zip(keys, ANSWERS[task], strict=True)},
         "correct": {"1": "correct", "0": "wrong"},
+        "reached": {"1": "reached", "0": "lost"},
         "phase": {"practice": "not analysed", "main": "analysed", "catch": "easy, for the lapse rate"},
         "ended": _ENDED,
     }

@@ -73,7 +73,7 @@ class StaircaseOrder(Order):
     """
 
     def __init__(self, design: Staircased, draws: Draws) -> None:
-        self.answered, self._answers = [], design.answers
+        super().__init__(design.answers)
         self.track = design.track()
         self._design, self._draws = design, draws
         self._kinds = {"practice": self._drawn(design.practice), "main": self._drawn(design.trials)}
@@ -110,10 +110,10 @@ class StaircaseOrder(Order):
                 self._next = design._trial(self._draws, kind, number + 1, phase, block)
         return self._next
 
-    def answer(self, response: str) -> None:
-        super().answer(response)
+    def answer(self, response: str, *, lost: bool = False) -> None:
+        super().answer(response, lost=lost)
         trial = self.answered[-1][0]
-        if trial.phase == "main":
+        if trial.phase == "main" and not lost:
             self.track.update(response == trial.correct)
         self._next = None
 

@@ -61,6 +61,8 @@ class SubjectThreshold(OneSubject):
         Of the catch trials, as in `levels`; None without.
     clipped : tuple of (float, int, int)
         Those of `levels` in whose intervals limits shortened the force in more than 1 % of the ticks.
+    pressed : float or None
+        Mean force over the intervals of the main phase [N], if the file has forces.
     """
 
     trials: int
@@ -72,6 +74,7 @@ class SubjectThreshold(OneSubject):
     day: str = ""
     catch: tuple[float, int, int] | None = None
     clipped: tuple[tuple[float, int, int], ...] = ()
+    pressed: float | None = None
 
     @property
     def complete(self) -> bool:
@@ -122,8 +125,9 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
         mean, error = float(values.mean()), float(scipy.stats.sem(values))
         wide = float(scipy.stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
-        ratios = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
-        return ratios[0], ratios[1], ratios[2]
+        with np.errstate(over="ignore"):  # few subjects who differ much have an open interval
+            threshold, near, far = np.exp(side * np.exp([mean, mean - wide, mean + wide]))
+        return float(threshold), float(near), float(far)
 
     @drawing
     def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
@@ -220,12 +224,14 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
 
 
 def _beside(answers: Answers | None) -> dict[str, Any]:
-    """Day, catch trials and clipped trials of a run."""
+    """Day, catch trials, clipped trials and pressed force of a run."""
     if answers is None:
         return {}
-    catch = level_counts(row for row in answers.rows if row.phase == "catch")
+    catch = level_counts(row for row in answers.rows if row.phase == "catch" and not row.lost)
     clipped = (row for row in answers.main if any((share or 0.0) > _CLIPPED for share in row.clipped))
+    forces = [force for row in answers.main for force in row.forces if force is not None]
     return {
+        "pressed": sum(forces) / len(forces) if forces else None,
         "day": "" if answers.side_car is None else answers.side_car.started[:10],
         "catch": catch[0] if catch else None,
         "clipped": level_counts(clipped),

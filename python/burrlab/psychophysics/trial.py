@@ -1,6 +1,7 @@
 """The parts of trials and designs: stimuli, intervals, orders, answers and questions."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -31,21 +32,40 @@ class Stimulus:
 
 
 @dataclass(frozen=True)
+class Boundary:
+    """Where another material begins, parallel to the surface.
+
+    Attributes
+    ----------
+    depth : float
+        Below the surface [mm]. A voxel belongs to the side of its centre.
+    below : Material
+        Of the shape and exponents of the material above.
+    """
+
+    depth: float
+    below: Material
+
+
+@dataclass(frozen=True)
 class Interval:
     """One presentation of a stimulus.
 
     Attributes
     ----------
     stimulus : Stimulus
+        With a boundary, the material above it.
     seed : int
         Seed of the erosion; each interval has its own.
     duration : float or None
         [s]; None if the subject ends the interval.
+    boundary : Boundary or None
     """
 
     stimulus: Stimulus
     seed: int
     duration: float | None
+    boundary: Boundary | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +82,7 @@ class Trial:
         From 1; practice is block 0.
     trial_type : str
         Same-different: AA, AB, BA, BB. ABX: AB, BA, the order of the alternatives after the reference. Two
-        intervals: RC, CR, the order of reference (R) and comparison (C).
+        intervals: RC, CR, the order of reference (R) and comparison (C), which has any boundary.
     intervals : tuple of Interval
         In the order of presentation.
     correct : str
@@ -81,8 +101,8 @@ class Trial:
 
 
 def key_of(name: str) -> str:
-    """The key of a design's parameter in files; times carry their unit."""
-    return f"{name}_s" if name in ("interval", "reference_interval") else name
+    """The key of a design's parameter in files; times and depths carry their unit."""
+    return name + {"interval": "_s", "reference_interval": "_s", "boundary": "_mm"}.get(name, "")
 
 
 def _plain(value: Any) -> Any:
@@ -122,6 +142,8 @@ class TaskDesign(ABC):
     blocks: int
     _kind: ClassVar[str]  # the design's name in files
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
+    #: Later parameters with their defaults, which files leave out, so that orders are what they were.
+    _since: ClassVar[Mapping[str, Any]] = {"catch": 0, "boundary": None, "foil": "either"}
 
     @abstractmethod
     def order(self, *, seed: int, subject: str) -> "Order":
@@ -139,7 +161,7 @@ class TaskDesign(ABC):
             **{
                 key_of(name): _plain(getattr(self, name))
                 for name in (*names, *self._derived)
-                if name != "catch" or getattr(self, name)  # so that orders without are what they were
+                if name not in self._since or getattr(self, name) != self._since[name]
             },
         }
 
@@ -151,10 +173,14 @@ class Order(ABC):
     ----------
     answered : list of (Trial, str)
         Answered trials with their responses, in order.
+    lost : set of int
+        Places in `answered` of those that do not count.
     """
 
-    answered: list[tuple[Trial, str]]
-    _answers: tuple[str, ...]
+    def __init__(self, answers: tuple[str, ...]) -> None:
+        self.answered: list[tuple[Trial, str]] = []
+        self.lost: set[int] = set()
+        self._answers = answers
 
     @property
     @abstractmethod
@@ -165,8 +191,8 @@ class Order(ABC):
     def next(self) -> Trial | None:
         """The next trial, which stays the same until it is answered; None at the end."""
 
-    def answer(self, response: str) -> None:
-        """Records the response to the next trial.
+    def answer(self, response: str, *, lost: bool = False) -> None:
+        """Records the response to the next trial; one that is `lost` moves no staircase.
 
         Raises
         ------
@@ -176,4 +202,9 @@ class Order(ABC):
         if (trial := self.next()) is None:
             raise ValueError(f"there is no trial left to answer, got {response!r}")
         one_of("response", response, self._answers)
+        self.lost |= {len(self.answered)} if lost else set()
         self.answered.append((trial, response))
+
+    def counted(self) -> list[tuple[Trial, str]]:
+        """Answered trials of the main phase that count."""
+        return [x for i, x in enumerate(self.answered) if x[0].phase == "main" and i not in self.lost]

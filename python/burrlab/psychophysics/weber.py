@@ -74,6 +74,8 @@ class WeberFraction:
         Names the session among the subject's own; empty if they are not told apart.
     open : bool
         Whether the threshold may lie beyond the levels; such a fraction is left out of the function.
+    force : float or None
+        Mean force that was pressed in these trials [N], if known.
     """
 
     subject: str
@@ -82,6 +84,7 @@ class WeberFraction:
     error: float
     session: str = ""
     open: bool = False
+    force: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("reference", "fraction", "error"):
@@ -93,15 +96,16 @@ class WeberFraction:
 
     @classmethod
     def of_levels(
-        cls, levels: Iterable[tuple[float, int, int]], *, subject: str, reference: float, session: str = ""
-    ) -> "WeberFraction":
+        cls, levels: Iterable[tuple[float, int, int]], *, subject: str, reference: float, session: str = "",
+        force: float | None = None,
+    ) -> "WeberFraction":  # fmt: skip
         """The fraction of a task's trials, whatever design chose the levels.
 
         Parameters
         ----------
         levels : iterable of (float, int, int)
             Ratio to the reference's parameter, all on one side of 1; correct answers; trials.
-        subject, reference, session
+        subject, reference, session, force
             As above.
 
         Raises
@@ -122,7 +126,7 @@ class WeberFraction:
         )
         return cls(
             subject, reference, fraction, math.log(far / near) / (2.0 * _Z), session,
-            threshold.open_below or threshold.open_above,
+            threshold.open_below or threshold.open_above, force,
         )  # fmt: skip
 
 
@@ -233,6 +237,10 @@ class SensitivityFunction:
         Sessions with effects of their own; 1 if their effects cannot be told from the slopes.
     confidence : float
         Of all intervals.
+    at_equal_force : GroupMean or None
+        The group's slope with ln of the pressed force beside ln p0, which all subjects share. A secondary analysis:
+        the force follows from the bone, so this corrects nothing. None if forces are unknown, or cannot be told
+        from the references.
     """
 
     parameter: str
@@ -249,6 +257,7 @@ class SensitivityFunction:
     freedom: int
     sessions: int
     confidence: float
+    at_equal_force: GroupMean | None = None
 
     @classmethod
     def of(
@@ -291,14 +300,18 @@ class SensitivityFunction:
         levels, slopes = (
             GroupMean.of([line[i] for line in lines.values()], covariance[:, i, :, i], level) for i in (0, 1)
         )
-        curved, curvature = usable(rows, 3), None
+        curved, curvature, equal = usable(rows, 3), None, None
         if curved:
             parabolas, errors, *_ = _regression(curved, center, 2)
             bends = [2.0 * line[2] for line in parabolas.values()]
             curvature = GroupMean.of(bends, 4.0 * errors[:, 2, :, 2], level)
+        if all(row.force for row in used):
+            beside, errors, _, _, told = _regression(used, center, 1, force=True)
+            if told >= sessions:
+                equal = GroupMean.of([line[1] for line in beside.values()], errors[:, 1, :, 1], level)
         return cls(
             parameter, name or parameter, tuple(used), tuple(row for row in rows if row not in used), center, lines,
-            covariance, slopes, levels, curvature, scale, freedom, sessions, level,
+            covariance, slopes, levels, curvature, scale, freedom, sessions, level, equal,
         )  # fmt: skip
 
     def slope_of(self, subject: str) -> tuple[float, float, float]:
@@ -361,6 +374,13 @@ class SensitivityFunction:
             )
         if self.sessions < len({row.session for row in self.fractions}):
             lines.append("effects of the sessions cannot be told from the slopes and are left out")
+        if all(row.force for row in self.fractions):
+            forces = [
+                np.mean([row.force for row in self.fractions if row.reference == p0]) for p0 in references
+            ]
+            pressed = ", ".join(f"{f:.2g} N at {p0:.3g}" for f, p0 in zip(forces, references, strict=True))
+            beside = self.at_equal_force or "cannot be told from the references"
+            lines.append(f"pressed: {pressed}; the slope at equal force, which corrects nothing: {beside}")
         if self.left_out:
             rows = ", ".join(f"{row.subject} at {row.reference:.3g}" for row in self.left_out)
             lines.append(
@@ -481,19 +501,27 @@ def usable(fractions: Iterable[WeberFraction], references: int = 2) -> list[Webe
 
 
 def _regression(
-    rows: Sequence[WeberFraction], center: float, degree: int
+    rows: Sequence[WeberFraction], center: float, degree: int, *, force: bool = False
 ) -> tuple[dict[str, Floats], Floats, int, float, int]:
-    """Subjects' polynomials of ln W in ln(p0/center), covariance, degrees of freedom, scale of errors, sessions."""
+    """Subjects' polynomials of ln W in ln(p0/center), covariance, degrees of freedom, scale of errors, sessions.
+
+    With `force` its logarithm stands beside. If it cannot be told from the rest, there are 0 sessions.
+    """
     subjects, sessions = (sorted({getattr(row, name) for row in rows}) for name in ("subject", "session"))
     design = np.zeros((len(rows), len(subjects), degree + 1))
     for line, row in zip(design, rows, strict=True):
         line[subjects.index(row.subject)] = math.log(row.reference / center) ** np.arange(degree + 1)
     own = design.reshape(len(rows), -1)
     shared = np.array([[float(row.session == session) for session in sessions[1:]] for row in rows])
+    if force:
+        logarithms = np.log([[row.force or 1.0] for row in rows])
+        shared = np.hstack([shared.reshape(len(rows), -1), logarithms])
     weights = 1.0 / np.array([row.error for row in rows])
     matrix = np.hstack([own, shared]) * weights[:, None]
-    if len(sessions) > 1 and int(np.linalg.matrix_rank(matrix)) < matrix.shape[1]:
-        return _regression([replace(row, session="") for row in rows], center, degree)
+    if (force or len(sessions) > 1) and int(np.linalg.matrix_rank(matrix)) < matrix.shape[1]:
+        if len(sessions) == 1:
+            return {}, np.zeros((0, 0, 0, 0)), 0, 1.0, 0
+        return _regression([replace(row, session="") for row in rows], center, degree, force=force)
     weighted = np.log([row.fraction for row in rows]) * weights
     coefficients = np.linalg.lstsq(matrix, weighted)[0]
     freedom, misfit = len(rows) - matrix.shape[1], matrix @ coefficients - weighted

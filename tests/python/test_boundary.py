@@ -1,5 +1,6 @@
 """A boundary between two bones: which interval has it, what renders it, and trials that never came to it."""
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -195,3 +196,21 @@ def test_a_subject_who_feels_change_finds_it():
     deep = replace(one, boundary=(5.0, 6.0), levels=[0.5])
     order = rehearsed_order(deep, sure, seed=1, burr=BURR, bone=BONE)
     assert (len(order.lost), order.counted()) == (24, [])
+
+
+@pytest.mark.slow
+def test_what_is_left_to_judge_by():
+    """How often a subject without noise is right by the change of speed, and by the depth reached alone."""
+    for foil, level in itertools.product(("either", "middle"), (0.5, 0.8, 1.25, 2.0)):
+        one = design(ConstantStimuli, [level], repeats=40, boundary=(0.2, 0.4), interval=10.0, foil=foil)
+        right = {}
+        for cue in ("change", "sinking"):
+            sure = SimulatedSubject(weber=1e-9, cues=[cue], lapse=0.0)
+            order = rehearsed_order(one, sure, seed=1, burr=BURR, bone=BONE)
+            share = sum(response == trial.correct for trial, response in order.counted()) / 40.0
+            right[cue] = share if cue == "change" else max(share, 1.0 - share)
+        print(
+            f"foil {foil}, level {level:g}: right by change {right['change']:.0%}, by depth {right['sinking']:.0%}"
+        )
+        assert right["change"] > 0.9
+        assert foil == "middle" or right["sinking"] < 0.75

@@ -14,11 +14,14 @@ from scipy.stats import binom, linregress, norm, t, ttest_1samp
 import burrlab
 from burrlab.psychophysics import (
     AdaptiveStaircase,
+    PsychometricSeat,
     SensitivityFunction,
+    Sitting,
     Staircase,
     Stimulus,
     WeberFraction,
     analyse,
+    psychometric_function,
     subjects_for_slope,
 )
 from burrlab.psychophysics.analysis import Analysis, group_lines
@@ -182,6 +185,73 @@ def test_from_the_file_to_the_function(tmp_path):
     published = "published exponent 2, definition\nunknown: four readings through the middle"
     assert published in axes.get_legend_handles_labels()[1]
     assert published not in function.plot(published=False).get_legend_handles_labels()[1]
+
+
+def test_a_slope_that_was_set_comes_back(tmp_path):
+    """From the file through rendered runs to the function, by an observer whose thresholds are set."""
+    text = SMALL.replace('parameter = "c_e"', 'parameter = "c_e"\nlevels = [1.02, 4]\ninterval_s = 0.5')
+    more = 'design = "adaptive"', "trials = 60\nreferences = [0.5, 1, 2, 4]"
+    made = protocol(tmp_path, text.replace('design = "staircase"', more[0]).replace("trials = 10", more[1]))
+    tasks = [task for task in made.tasks if task.startswith("up")]
+    for subject, level in (("01", 0.15), ("02", 0.2), ("03", 0.25)):
+        seat = PsychometricSeat(lambda p0, w=level: w * (p0 / 2.145) ** 0.5, seed=made.seed, name=subject)
+        Sitting(made, subject, tasks=tasks, device="hand", simulated={"set": level}, once=True).run(
+            lambda _, x=seat: x
+        )
+    analysis = analyse(made)
+    (function,) = analysis.sensitivity_functions()
+    assert function.slope.interval[0] < 0.5 < function.slope.interval[1]
+    assert function.slope.mean == pytest.approx(0.5, abs=0.25)
+    assert "pressed: " in str(function)
+    probing = made.tasks["probing"]
+    with pytest.raises(ValueError, match="design must vary a parameter"):
+        seat.ask(probing, probing.order(seed=1, subject="x").next(), [])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_beside_psignifit(seed):
+    """psignifit 4's threshold of the same 400 trials, at 75 %, is within half a standard error; priors differ."""
+    pytest.importorskip("psignifit", reason="extra `psychometric` is not installed")
+    design = AdaptiveStaircase(
+        Stimulus("bone", burrlab.materials["bone"]), "c_e", levels=(1.02, 3.0), trials=400
+    )
+    levels = answered(design, 0.2, 0.0, np.random.default_rng(seed))
+    ours = WeberFraction.of_levels(levels, subject="0", reference=1.0)
+    theirs = psychometric_function(*zip(*levels, strict=True))
+    assert abs(math.log(ours.fraction / (theirs.threshold - 1.0))) < 0.5 * ours.error
+
+
+def test_what_was_pressed_stands_beside():
+    """W falls with the force, which rises with the reference: at equal force the slope is another one."""
+    random, rows = np.random.default_rng(6), []
+    for i, slope in enumerate((-0.5, 0.1, 0.4)):
+        for p0 in REFERENCES:
+            force = 0.8 * p0**0.3 * math.exp(0.2 * random.normal())
+            rows.append(WeberFraction(f"{i}", p0, 0.2 * p0**slope * force**-0.5, 0.1, force=force))
+    function = SensitivityFunction.of(rows)
+    assert function.at_equal_force.mean == pytest.approx(0.0, abs=1e-9)
+    assert function.slope.mean < -0.05
+    mean = np.mean([row.force for row in rows if row.reference == 0.5])
+    assert f"pressed: {mean:.2g} N at 0.5" in str(function)
+    collinear = SensitivityFunction.of([replace(row, force=row.reference**0.3) for row in rows])
+    assert collinear.at_equal_force is None
+    assert "corrects nothing: cannot be told from the references" in str(collinear)
+    assert SensitivityFunction.of([replace(row, force=None) for row in rows[:9]]).at_equal_force is None
+
+
+def test_a_reference_may_have_trials_of_its_own(tmp_path):
+    def made(trials, references="[0.5, 1, 2]"):
+        text = SMALL.replace("trials = 10", f"trials = {trials}\nreferences = {references}\ncatch = 2")
+        return protocol(tmp_path, text).tasks
+
+    tasks = made([20, 10, 20])
+    assert [tasks[f"up{i}"].trials for i in (1, 2, 3)] == [20, 10, 20]
+    assert tasks["up2"].to_dict() == made(10)["up2"].to_dict()
+    for wrong in ([20, 10], [20, 10, 0.5]):
+        with pytest.raises(ValueError, match="trials must be a whole number, or one for each of references"):
+            made(wrong)
+    with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
+        made([20, 0, 20])
 
 
 def test_catch_trials(tmp_path):
@@ -351,3 +421,41 @@ def test_from_trials(kind):
         assert abs(bias) < 0.05
         total += held
     assert binomial_limits(total, 3 * sets), total
+
+
+@pytest.mark.slow
+def test_trials_at_the_ends_know_a_slope_better():
+    """300 trials of a subject, a fifth in the middle and the rest at the ends, beside five equal references."""
+    bone, sets, variance = Stimulus("bone", burrlab.materials["bone"]), 1000, Counter()
+
+    def plan(trials, references, design):
+        return [(float(p0), design(n)) for n, p0 in zip(trials, references, strict=True)]
+
+    def up_down(n):
+        return Staircase(bone, "c_e", start=2.5, trials=n, reversals=2 * (n // 2))
+
+    def adaptive(n):
+        return AdaptiveStaircase(bone, "c_e", levels=(1.02, 3.0), trials=n)
+
+    plans = {
+        "up-down, equal": plan([60] * 5, np.geomspace(0.25, 4.0, 5), up_down),
+        "adaptive, equal": plan([60] * 5, np.geomspace(0.25, 4.0, 5), adaptive),
+        "adaptive, the ends": plan([120, 60, 120], (0.25, 1.0, 4.0), adaptive),
+    }
+    for slope, (name, tasks) in itertools.product((-0.5, 0.0, 0.5), plans.items()):
+        random, found = np.random.default_rng(4), []
+        for _ in range(sets):
+            level, bias = 0.2 * random.normal(), 0.3 * random.normal()
+            rows = [
+                WeberFraction.of_levels(
+                    answered(design, math.log1p(0.2 * math.exp(level) * p0**slope), bias, random),
+                    subject="0", reference=p0,
+                ) for p0, design in tasks
+            ]  # fmt: skip
+            found.append(SensitivityFunction.of(rows).lines["0"][1])
+        variance[name] += float(np.var(found)) / 3.0
+        print(f"{name}, slope {slope:+g}: bias {np.mean(found) - slope:+.3f}, sd {np.std(found):.3f}")
+        assert abs(np.mean(found) - slope) < 0.05
+    ratios = {name: variance["adaptive, the ends"] / v for name, v in variance.items()}
+    print(", ".join(f"{x:.2f} of the trials of {name}" for name, x in ratios.items()))
+    assert (ratios["up-down, equal"] < 0.7, ratios["adaptive, equal"] < 0.9) == (True, True)

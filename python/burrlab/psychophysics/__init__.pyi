@@ -37,6 +37,7 @@ from burrlab.psychophysics.published import PublishedScore as PublishedScore
 from burrlab.psychophysics.published import SelectionEffect as SelectionEffect
 from burrlab.psychophysics.published import group_score_from as group_score_from
 from burrlab.psychophysics.rehearsal import Prediction as Prediction
+from burrlab.psychophysics.rehearsal import PsychometricSeat as PsychometricSeat
 from burrlab.psychophysics.rehearsal import SimulatedSeat as SimulatedSeat
 from burrlab.psychophysics.rehearsal import TaskOneTable as TaskOneTable
 from burrlab.psychophysics.rehearsal import predicted_d_prime as predicted_d_prime

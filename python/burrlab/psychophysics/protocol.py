@@ -154,7 +154,8 @@ def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[
     """The design of a table, or one for each of its `references`.
 
     The keys are the parameters of the design's class; times end in _s. `references` are factors of a
-    comparison's reference, along `direction` in (ln c_e, ln alpha), which is the parameter's by default.
+    comparison's reference, along `direction` in (ln c_e, ln alpha), which is the parameter's by default. Beside
+    them a whole number may be a list, one a reference.
 
     Raises
     ------
@@ -165,7 +166,8 @@ def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[
     hints, options = get_type_hints(kind), {}
     for name, parameter in inspect.signature(kind).parameters.items():
         default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
-        options[name] = _read(table, key_of(name), hints[name], stimuli, default)
+        listed = hints[name] is int and "references" in table and isinstance(table.value(name, None), list)
+        options[name] = _read(table, key_of(name), list if listed else hints[name], stimuli, default)
     factors, direction = (
         table.get(key, _LIST, default=None) if issubclass(kind, ComparisonDesign) else None
         for key in ("references", "direction")
@@ -173,10 +175,19 @@ def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[
     table.done()
     table.refuse(factors is None and direction is not None, "direction goes with references")
     try:
-        design = kind(**{name: value for name, value in options.items() if key_of(name) in table})
-        if factors is None or not isinstance(design, ComparisonDesign):
-            return [design]
-        return list(design.around(factors, direction))
+        given = {name: value for name, value in options.items() if key_of(name) in table}
+        apart = {name: value for name, value in given.items() if hints[name] is int and type(value) is list}
+        designs: list[TaskDesign] = []
+        for place in range(len(factors or [1.0])):
+            for name, numbers in apart.items():
+                wrong = len(numbers) != len(factors or ()) or not numbers[place].is_integer()
+                refuse(wrong, f"{name} must be a whole number, or one for each of references, got {numbers}")
+                given[name] = int(numbers[place])
+            design = kind(**given)
+            if factors is not None and isinstance(design, ComparisonDesign):
+                design = list(design.around(factors, direction))[place]
+            designs.append(design)
+        return designs
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None

@@ -28,6 +28,7 @@ from burrlab.psychophysics.observer import (
     rendered_cues,
 )
 from burrlab.psychophysics.power import DesignPower, Observer, design_power
+from burrlab.psychophysics.psychometric import proportion_correct
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, TaskDesign, Trial
@@ -573,10 +574,64 @@ class SimulatedSeat(Seat):
         self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
-        what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
-        draws = Draws(self._seed, self._name, {"simulated": what})
+        draws = _draws(self._seed, self._name, design, trial)
         towards = _towards_boundary(design, trial, cues)
         return self._subject.respond(trial, towards, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
         self._on_progress(text)
+
+
+class PsychometricSeat(Seat):
+    """The seat of an observer of two-interval tasks whose psychometric function is set.
+
+    It shows whether an experiment and its analysis give back what was put in, such as a slope along references.
+
+    Parameters
+    ----------
+    threshold : callable
+        From a reference's parameter [N/mm^2 or 1/ms] to |ln level| at 75 % correct.
+    slope : float
+        Exponent of the Weibull function of |ln level|; 1.25 is as Gaussian noise.
+    lapse : float
+        Share of random answers.
+    seed : int
+    name : str
+        With seed, design and trial it determines the answer.
+
+    Examples
+    --------
+    >>> seat = PsychometricSeat(lambda p0: 0.2 * (p0 / 2.0) ** 0.5, seed=1, name="01")
+    >>> Sitting(protocol, "01", device="hand", simulated={"W": "0.2 (p0/2)^0.5"}, once=True).run(lambda task: seat)  # doctest: +SKIP
+    """
+
+    wall_clock = False
+    simulated = True
+
+    def __init__(
+        self, threshold: Callable[[float], float], *, slope: float = 1.25, lapse: float = LAPSE, seed: int, name: str
+    ) -> None:  # fmt: skip
+        self._threshold, self._slope, self._lapse, self._seed, self._name = (
+            threshold,
+            slope,
+            lapse,
+            seed,
+            name,
+        )
+
+    def ask(
+        self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        if not isinstance(design, ComparisonDesign) or trial.level is None:
+            raise ValueError("design must vary a parameter for an observer with a set psychometric function")
+        threshold = self._threshold(getattr(design.reference.material, design.parameter))
+        p = proportion_correct(abs(math.log(trial.level)), threshold, self._slope, self._lapse)
+        draws = np.random.default_rng(_draws(self._seed, self._name, design, trial).interval_seed())
+        (other,) = {*design.answers} - {trial.correct}
+        return trial.correct if draws.random() < p else other, None
+
+
+def _draws(seed: int, name: str, design: TaskDesign, trial: Trial) -> Draws:
+    """A simulated subject's draws in a trial, whenever it is asked."""
+    what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
+    return Draws(seed, name, {"simulated": what})

@@ -153,7 +153,10 @@ def test_subject_sees_no_stimulus_and_the_experimenter_does(scene, feedback):
 @pytest.mark.parametrize(
     ("design", "told"),
     [
-        (FOUR, "asked whether the material was the same in both. Each lasts 0.1 s; a beep"),
+        (
+            FOUR,
+            "has two intervals. Each lasts 0.1 s; a beep tells its start and its end. Then you are asked: Was it the same",
+        ),
         (ABX(BONE, PVC, trials=2, interval=0.1), "They last as long as you like, 0.1 s and 0.1 s; a beep"),
     ],
 )

@@ -38,13 +38,6 @@ _DO = {
     "probing": "Press the burr on the material. It does not turn.",
     "drilling": "Drill into the material.",
 }
-_BEFORE = {
-    "same-different": "Each trial has two intervals. Then you are asked whether the material was the same in "
-    "both.",
-    "2ifc": "Each trial has two intervals. Then you are asked to compare them.",
-    "abx": "Each trial has three intervals: a reference, and then two of which one is to be taken for the "
-    "reference.",
-}
 
 
 class DeviceLost(RuntimeError):
@@ -142,9 +135,7 @@ class Runner:
             )  # fmt: skip
             self._file.append(row)
             self._order.answer(response, lost=row.lost)
-            if row.lost:
-                self._experimenter.say(f"trial {trial.number} does not count: the boundary was not reached")
-            self._after(trial, response, response_time, endings)
+            self._after(row)
         return len(self._order.answered) - self._before
 
     def _feel(self, trial: Trial, repeats: int = 0) -> tuple[list[_Felt], int]:
@@ -165,6 +156,7 @@ class Runner:
         again = "You go on where you stopped. " * bool(self._order.answered)
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
+        count = {2: "two", 3: "three"}[len(long)]
         lengths = (
             f"Each lasts {long[0]}; a beep tells its start and its end."
             if len(set(long)) == 1
@@ -172,7 +164,7 @@ class Runner:
         )
         self._seat.progress("")
         self._seat.ready(
-            f"{again}{_BEFORE[self._design.task]} {lengths}\n\nAnswer with the keys: {keys}. "
+            f"{again}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
@@ -196,14 +188,10 @@ class Runner:
             number, place, total = practised + 1, "practice", self._design.practice
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
-        stimuli = ", ".join(
-            f"{i.stimulus.name} (real)"
-            if (m := i.stimulus.material) is None
-            else f"{i.stimulus.name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
-            for i in trial.intervals
-        )
+        stimuli = ", ".join(f"{i.stimulus.name} ({_constants(i)})" for i in trial.intervals)
+        kind = ", catch" * (trial.phase == "catch")
         self._experimenter.say(
-            f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
+            f"trial {trial.number} ({place}{kind}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
 
     def _interval(self, trial: Trial, number: int) -> _Felt:
@@ -315,19 +303,27 @@ class Runner:
             self._heard.add(text)
             self._experimenter.say(text)
 
-    def _after(
-        self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
-    ) -> None:
-        right = response == trial.correct
+    def _after(self, row: AnswerRow) -> None:
         main = [response == trial.correct for trial, response in self._order.counted()]
-        fast = response_time is not None and response_time < TOO_FAST
-        duration = "" if response_time is None else f" in {response_time:.2f} s"
+        fast = row.response_time is not None and row.response_time < TOO_FAST
+        duration = "" if row.response_time is None else f" in {row.response_time:.2f} s"
         self._experimenter.say(
-            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{duration}"
-            f"{', too fast to have judged' * fast}, {'right' if right else 'wrong'}; {sum(main)} of {len(main)} right"
+            f"trial {row.trial} ended by {', '.join(map(str, row.endings))}; answered {row.response}{duration}"
+            f"{', too fast to have judged' * fast}, {'right' if row.correct else 'wrong'}; {sum(main)} of {len(main)} "
+            f"right{'; it does not count, as the burr did not come to the boundary' * row.lost}"
         )
-        if self._protocol.feedback and trial.phase == "practice":
-            self._seat.tell("Right." if right else "Not right.")
+        if self._protocol.feedback and row.phase == "practice":
+            self._seat.tell("Not deep enough." if row.lost else "Right." if row.correct else "Not right.")
+
+
+def _constants(interval: Interval) -> str:
+    """What an interval renders, for the experimenter."""
+    if (material := interval.stimulus.material) is None:
+        return "real"
+    text, boundary = f"c_e {material.c_e:g} N/mm^2, alpha {material.alpha:g} /ms", interval.boundary
+    if boundary is not None:
+        text += f"; c_e {boundary.below.c_e:g}, alpha {boundary.below.alpha:g} below {boundary.depth:g} mm"
+    return text
 
 
 _NO_FORCE = "[experiment] publish says no port: no force goes back over the network but to a Stylus of PLUS"

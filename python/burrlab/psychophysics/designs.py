@@ -473,14 +473,15 @@ class ComparisonDesign(TaskDesign):
         order, level = kind
         comparison = self.comparison(level)
         more = self.sinks_faster(level) if self._asks_speed else level > 1.0
-        one, other, boundary, correct = self.reference, comparison, None, "C" if more else "R"
+        plain, layered, boundary = self.reference, comparison, None
+        correct = "C" if more else "R"
         if self.boundary is not None:
             low, high = self.boundary
             depth = round(low + (high - low) * draws.below(1001) / 1000.0, 6)
             boundary, correct = Boundary(depth, rendered("comparison", comparison)), "C"
-            one = self.middle(level) if self.foil == "middle" else (one, other)[draws.below(2)]
-            other = Stimulus(f"{self.reference.name} over {comparison.name}", self._material)
-        stimuli = {"R": (one, None), "C": (other, boundary)}
+            plain = self.middle(level) if self.foil == "middle" else (plain, layered)[draws.below(2)]
+            layered = Stimulus(f"{self.reference.name} over {comparison.name}", self._material)
+        stimuli = {"R": (plain, None), "C": (layered, boundary)}
         intervals = tuple(
             Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order
         )

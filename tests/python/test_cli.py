@@ -35,6 +35,16 @@ def test_what_needs_no_work_imports_none_of_its_libraries():
     assert done.stdout.splitlines()[-1] == ""
 
 
+def test_a_fit_imports_no_figures_and_no_distributions(tmp_path):
+    (tmp_path / "a.csv").write_text("force_N,velocity_mm_s\n0.5,0.3\n1,0.8\n1.5,1.4\n2,2.2\n")
+    program = (
+        "import sys, burrlab; fit = burrlab.fit(burrlab.VelocityCurve.from_csv(sys.argv[1]), burrlab.Burr(3.0))\n"
+        "fit.report(); print(*{'h5py', 'matplotlib', 'scipy.stats'} & set(sys.modules))"
+    )
+    words = [sys.executable, "-c", program, str(tmp_path / "a.csv")]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.split() == []
+
+
 def test_standard_input_and_quiet(capsys, monkeypatch, tmp_path):
     """`-` is a CSV from standard input; notes, which --quiet leaves out, name it."""
     file, text = tmp_path / "a.csv", "F,v\n0.5,0.3\n1,0.8\n1.5,1.4\n2,2.2\n"

@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from burrlab._core import Tissues, dose_edges, dose_near
 from burrlab.anatomy.events import EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
-from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled
+from burrlab.common.figures import VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
@@ -12,7 +11,7 @@ from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume, check_same_geometry, grid_of_bone
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing
+from burrlab.common.figures import Axes, axes_or_new, drawing
 from burrlab.common.progress import doing
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table

@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
 from burrlab.cli.options import (
     Options,
     deliver,
@@ -24,6 +22,7 @@ from burrlab.cli.options import (
     working,
 )
 from burrlab.common.check import refuse
+from burrlab.common.figures import Axes
 from burrlab.common.files import write_text
 from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse, write_rows

@@ -7,24 +7,21 @@ import textwrap
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import wraps
-from typing import Any, ParamSpec, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
-from matplotlib import rc_context, rcParams, rcParamsDefault
-from matplotlib.artist import ArtistInspector
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cbook import normalize_kwargs
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_hex, to_rgb
-from matplotlib.figure import Figure, SubFigure
-from matplotlib.legend import Legend
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
-from matplotlib.transforms import Bbox, ScaledTranslation
 
 from burrlab.common.check import nearest, refuse
+
+# matplotlib takes a quarter of a second to import, and a fit draws nothing
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.legend import Legend
+    from matplotlib.transforms import Bbox
+else:
+    Axes = Axis = Figure = SubFigure = Legend = Bbox = Any
 
 #: Where a picture of several panels goes: a figure, or as many Axes.
 Panels: TypeAlias = Figure | SubFigure | Iterable[Axes] | None
@@ -64,6 +61,8 @@ def paper(width: str = "single") -> AbstractContextManager[None]:
     ValueError
         If the width is unknown.
     """
+    from matplotlib import rc_context
+
     refuse(width not in WIDTHS, f"width must be one of {', '.join(WIDTHS)}: got {width!r}")
     across = WIDTHS[width]
     return rc_context({
@@ -78,10 +77,14 @@ def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
 
     A width of `figure.figsize` that differs from matplotlib's own, as `paper` sets it, goes before.
     """
+    from matplotlib.figure import Figure
+
     return Figure(figsize=_size(width, height), layout="constrained")
 
 
 def _size(width: float, height: float) -> tuple[float, float]:
+    from matplotlib import rcParams, rcParamsDefault
+
     chosen = rcParams["figure.figsize"]
     usual = list(chosen) == list(rcParamsDefault["figure.figsize"])
     return (width, height) if usual else (chosen[0], height * min(max(chosen[0] / width, 0.7), 1.0))
@@ -101,6 +104,8 @@ def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how:
 
     A figure that holds as many Axes already is drawn on again.
     """
+    from matplotlib.figure import Figure, SubFigure
+
     if ax is None and count == (1, 2) and _size(*size)[0] < 4.5:  # a column of a paper: one below the other
         count, size = (2, 1), (4.5, 5.0)
     needed, figure = count[0] * count[1], new_figure(*size) if ax is None else ax
@@ -113,12 +118,17 @@ def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how:
 
 def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """A plot's usual look with what its caller asks for; None keeps the usual."""
+    from matplotlib.cbook import normalize_kwargs
+    from matplotlib.lines import Line2D
+
     chosen = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
     return normalize_kwargs(usual, Line2D) | chosen
 
 
 def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """`styled`; with a label, or on Axes that hold lines, it starts from the look of SERIES least used there."""
+    from matplotlib.colors import to_hex
+
     if style.get("label") or ax.lines:
         used = [to_hex(line.get_color()) for line in ax.lines]
         look = min(SERIES, key=lambda look: used.count(to_hex(str(look["color"]))))
@@ -128,6 +138,8 @@ def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
 
 def plot_points(ax: Axes, x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
     """Draws measured points as squares, with error bars of y if sigma is known."""
+    from matplotlib import rcParams
+
     look = styled(
         style, color="black", marker="s", linestyle="", markerfacecolor="white", markersize=0.75 * rcParams["lines.markersize"],
         markeredgewidth=0.9, zorder=3, label=label,
@@ -147,6 +159,8 @@ def tidy(axes: Axes) -> Axes:
 
 def _plain_ticks(axis: Axis) -> None:
     """Numbers instead of powers on a logarithmic axis, at equal steps where less than a decade is shown."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
+
     if axis.get_scale() != "log" or not isinstance(axis.get_major_locator(), LogLocator | MaxNLocator):
         return
     low, high = sorted(axis.get_view_interval())
@@ -178,6 +192,9 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
             if not unknown or unknown[1] not in kwargs:
                 raise
+            from matplotlib.artist import ArtistInspector
+            from matplotlib.lines import Line2D
+
             near = nearest(unknown[1], ArtistInspector(Line2D).get_setters())
             raise TypeError(f"a plot has no property {unknown[1]!r}{near}") from None
         for axes in drawn if isinstance(drawn, list) else [drawn]:
@@ -233,6 +250,8 @@ def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
 
 def _fit_title(axes: Axes) -> None:
     """The title in the style's size, in lines no wider than the axes."""
+    from matplotlib import rcParams
+
     size = rcParams["font.size"]
     title = re.sub(r"(?<=\d) (?=\S)", "\u00a0", axes.get_title())  # a number stays with its unit
     fit = int(144 * axes.bbox.width / axes.figure.dpi / size)
@@ -246,6 +265,8 @@ def _legend(axes: Axes, may_grow: bool) -> None:
     More than four labels always stand below. They are read row by row, shadings last. Labels wider than the axes
     are broken. A figure that may grow becomes higher where the legend leaves little of the axes.
     """
+    from matplotlib.collections import PolyCollection
+
     handles: dict[str, Any] = {}
     labelled: Any = zip(*axes.get_legend_handles_labels(), strict=True)
     for handle, label in sorted(labelled, key=lambda pair: isinstance(pair[0], PolyCollection)):
@@ -258,7 +279,7 @@ def _legend(axes: Axes, may_grow: bool) -> None:
             if " ".join(text.get_text().split()) not in labels:  # it may be broken into lines
                 handles[text.get_text()] = handle
         before.remove()
-    figure = cast(Figure, axes.get_figure(root=True))
+    figure: Figure = cast(Any, axes.get_figure(root=True))
     figure.draw_without_rendering()  # the layout settles at the second drawing
     if len(handles) < 5 and _legend_inside(figure, axes, handles, look):
         return
@@ -278,6 +299,9 @@ def _put_legend(axes: Axes, handles: dict[str, Any], columns: int, **look: Any) 
 
 def _legend_inside(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> bool:
     """Puts a legend inside the axes where it covers nothing but grid and shading; False if there is no place."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import to_rgb
+
     canvas = figure.canvas
     agg: Any = FigureCanvasAgg(figure)
     agg.draw()
@@ -296,6 +320,8 @@ def _legend_inside(figure: Figure, axes: Axes, handles: dict[str, Any], look: di
 
 def _legend_below(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> Legend:
     """Puts a legend below the axes, in as many columns as have room; labels wider than the axes are broken."""
+    from matplotlib.transforms import ScaledTranslation
+
     figure.draw_without_rendering()
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")  # else the legend would lie beyond the edge

@@ -7,11 +7,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from scipy import special
 
 from burrlab.common.check import refuse, scalar, shown
-from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
+from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import Tabulated, by_value

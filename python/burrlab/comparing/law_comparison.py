@@ -6,13 +6,13 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import (
     FORCE,
     REFERENCE,
     SERIES,
+    Axes,
     Panels,
     axes_or_new,
     drawing,

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy
+from scipy import special
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, shown
@@ -223,9 +224,9 @@ class LawLikelihood:
     def limit(self, level: float, freedom: float | None = None) -> float:
         """Rise of -2 log L that bounds an exponent's interval."""
         if self.known if freedom is None else self.pressed_known:
-            return float(scipy.stats.chi2.ppf(level, 1))
+            return float(special.chdtri(1, 1 - level))
         nu, n = (max(self.freedom - 1, 1), self.n) if freedom is None else (freedom, freedom + 2)
-        return float(n * np.log1p(scipy.stats.f.ppf(level, 1, nu) / nu))
+        return float(n * np.log1p(special.fdtri(1, nu, level) / nu))
 
     def test(self, name: str, rise: float, sentence: str, freedom: float | None = None) -> HypothesisTest:
         """Test of one more exponent by the rise without it."""

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -13,7 +13,7 @@ from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.specimen import CUT
 from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.files import write_text
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import Tabular, by_value
@@ -26,9 +26,6 @@ from burrlab.theory.closed_forms import (
     settled_immersion,
     static_immersion,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @by_value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
 from burrlab.common.check import check_positive, refuse, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled
+from burrlab.common.figures import REFERENCE, VELOCITY, Axes, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, law_of
@@ -21,10 +21,6 @@ from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.sweep import item_seed
 from burrlab.theory.tool import require_tool
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Floats = NDArray[np.float64]
 

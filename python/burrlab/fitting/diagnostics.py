@@ -58,7 +58,9 @@ def p_text(p: float) -> str:
 
 def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
-    p = float((scipy.stats.f if len(freedom) > 1 else scipy.stats.chi2).sf(statistic, *freedom))
+    first, *second = freedom
+    rise = max(statistic, 0.0)
+    p = float(special.fdtrc(first, second[0], rise) if second else special.chdtrc(first, rise))
     freedom_text = ", ".join(
         f"{number_of:.3g}" if isinstance(number_of, float) else f"{number_of}" for number_of in freedom
     )
@@ -637,8 +639,8 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
     leverage, below = np.sum(basis**2, axis=1), max(n - p - 1, 1)
     free = np.maximum(1 - leverage, 1e-9)
     variance = np.ones(n) if known else np.maximum((r @ r - r**2 / free) / below, 0.0) + floor
-    limit = scipy.stats.norm.isf(0.025 / n) if known else scipy.stats.t.isf(0.025 / n, below)
-    return leverage, r / np.sqrt(variance * free), float(limit)
+    limit = special.ndtri(0.025 / n) if known else special.stdtrit(below, 0.025 / n)
+    return leverage, r / np.sqrt(variance * free), -float(limit)
 
 
 _NO_FIT = np.nan, np.nan, Interval(None, None)
@@ -739,11 +741,11 @@ def plausibility(
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
     inside, off = p_of(), _off(likelihood, point)
-    line = scipy.stats.linregress(
-        np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
-    )
-    # upper end of the slope's 95 % interval
-    slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
+    x, y = np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
+    x, freedom = x - x.mean(), max(len(x) - 2, 1)
+    slope = float(x @ y / (x @ x))
+    error = np.std(y - slope * x) * np.sqrt(len(x) / (x @ x) / freedom)
+    slope -= float(special.stdtrit(freedom, 0.025) * error)  # upper end of its 95 % interval
     wrong = {
         "the velocity falls with the force": slope < 0,
         "the velocity rises less than the force does, as if the two columns were swapped": 0 <= slope < 1,

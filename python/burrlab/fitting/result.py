@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from numpy.typing import ArrayLike
 from scipy import special
 
@@ -23,6 +21,7 @@ from burrlab.common.figures import (
     REFERENCE,
     SERIES,
     VELOCITY,
+    Axes,
     axes_or_new,
     drawing,
     next_look,
@@ -511,9 +510,9 @@ class Fit(FitRecord, Tabulated):
             region = profile.regions[level]
             near = region.c_e <= widest
             c_e = region.c_e[near]
-            shade = {"color": to_rgba(color, alpha), "edgecolor": color, "linewidth": 0.6, **look}
+            shade = {"color": (color, alpha), "edgecolor": color, "linewidth": 0.6, **look}
             ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, **shade)
-            ax.fill_between([], [], color=to_rgba(edge, seen), ec=edge, lw=0.6, label=f"{level} %")
+            ax.fill_between([], [], color=(edge, seen), ec=edge, lw=0.6, label=f"{level} %")
         opened = ", ".join(level for level in LEVELS if profile.regions[level].open_above)
         named += f", {opened} % open above" if opened else ""
         ax.plot(self.c_e, self.alpha / self.c_e**p, "P", color=color, mec="white", mew=0.7, ms=6, label=named)

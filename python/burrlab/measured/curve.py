@@ -3,20 +3,16 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, next_look, plot_points
+from burrlab.common.figures import Axes, axes_or_new, drawing, next_look, plot_points
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 from burrlab.measured.layout import TableLayout
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 TOO_SLOW = "too-slow"  # status of a run whose velocity lies below what could be measured
 

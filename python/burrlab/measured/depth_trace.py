@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import IO, Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy
@@ -13,14 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
+from burrlab.common.figures import POSITION, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import TableLayout
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def _labels_in(layout: TableLayout) -> dict[str, str]:

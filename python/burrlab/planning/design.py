@@ -5,12 +5,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
+from burrlab.common.figures import REFERENCE, Axes, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec

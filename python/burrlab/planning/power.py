@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy import special
 
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, whole
-from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
+from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson

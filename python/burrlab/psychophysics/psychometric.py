@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
 from burrlab.common.check import extra, refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_level
 from burrlab.psychophysics.rules import Floats, one_of

@@ -6,10 +6,9 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, drawing, styled
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import (

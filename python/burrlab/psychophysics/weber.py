@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import REFERENCE, VELOCITY, axes_or_new, drawing, styled
+from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.table import p_text
 from burrlab.psychophysics.designs import UNITS
 from burrlab.psychophysics.group import check_level

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.bone.specimen import CUT, Border
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
 from burrlab.session.trace import Recording, Trace, check_trace

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels
+from burrlab.common.figures import FORCE, REFERENCE, Axes, Panels, drawing, panels
 from burrlab.common.records import Codec
 from burrlab.session.devices import DeviceLimits
 from burrlab.session.recorder import TraceWriter

@@ -10,7 +10,7 @@ Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTIC
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import scipy
@@ -19,13 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import real, refuse, scalar
-from burrlab.common.figures import POSITION, axes_or_new, drawing, styled
+from burrlab.common.figures import POSITION, Axes, axes_or_new, drawing, styled
 from burrlab.common.records import PAPER_LAW, law_of
 from burrlab.theory.tool import require_tool
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Floats: TypeAlias = NDArray[np.float64]
 Number = TypeVar("Number", Floats, float, Floats | float)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone, tissue_box
 from burrlab.common.check import refuse
-from burrlab.common.figures import Panels, axes_or_new, drawing, panels, styled
+from burrlab.common.figures import Axes, Panels, axes_or_new, drawing, panels, styled
 from burrlab.view.camera import finite_point
 from burrlab.view.surface import BONE, tissue_palette
 

@@ -1,4 +1,4 @@
-# make demo | test | test-slow | cpp | oldest | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
+# make demo | test | test-slow | cpp | oldest | bench | fuzz | figures | docs | linkcheck | wheel | release-check | windows | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build -DBURRLAB_PYTHON=ON
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow cpp oldest golden bench fuzz figures docs linkcheck wheel windows format clean machine
+.PHONY: demo test test-slow cpp oldest golden bench fuzz figures docs linkcheck wheel release-check windows format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -115,14 +115,25 @@ docs: $(VENV)/documented
 linkcheck: $(VENV)/documented
 	$(BIN)/python -m sphinx -q -b linkcheck -c docs . build/linkcheck
 
-# A wheel for Linux with this machine's C library or a later one.
+# A wheel for each Python that is installed, for Linux with this machine's C library or a later one.
+PYTHONS ?= $(foreach minor,11 12 13 14,$(shell python3.$(minor) -c 'import sys; print(sys.executable)' 2>/dev/null))
 wheel: $(VENV)/tools
 	$(PIP) --group wheel
 	rm -rf build/wheel dist
-	$(BIN)/python -m pip wheel -q --no-build-isolation --no-deps --wheel-dir build/wheel .
+	for python in $(PYTHONS); do $(BIN)/python -m pip --python $$python wheel -q --no-deps --wheel-dir build/wheel . || exit 1; done
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist build/wheel/*.whl
 	$(BIN)/check-wheel-contents dist/*.whl
 	$(BIN)/twine check --strict dist/*.whl
+
+# All of a release but tag and upload (docs/releasing.md): the source distribution makes what the checkout makes.
+release-check: wheel
+	git diff --quiet HEAD || { echo "commit first: a release is a commit"; exit 1; }
+	$(BIN)/python -m build -q --sdist --outdir dist .
+	$(BIN)/twine check --strict dist/*
+	rm -rf build/release && $(PYTHON) -m venv build/release
+	build/release/bin/python -m pip install -q --disable-pip-version-check dist/*.tar.gz
+	cd build/release && bin/burrlab descend --material bone --force 1 --radius 3 --voxel 0.3 --seed 1
+	ls -l dist
 
 WINDOWS = $(BIN)/cmake -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
   -DCMAKE_C_COMPILER=x86_64-w64-mingw32-gcc-posix -DCMAKE_CXX_COMPILER=x86_64-w64-mingw32-g++-posix \

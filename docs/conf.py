@@ -21,6 +21,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element as Node
 
+from docutils import nodes
 from docutils.nodes import Element
 from sphinx.application import Sphinx
 from sphinx.util import logging
@@ -47,6 +48,7 @@ root_doc = "docs/index"
 include_patterns = [
     *("*.md", "docs/*.md", "docs/reference/*", "notebooks/*.ipynb", "tests/golden/psyphy/README.md")
 ]
+exclude_patterns = ["build", ".*"]  # a prefix of Wine there links to the whole disk
 nitpicky = True
 # a parameter in backticks, and what is made for the user but has no public name
 nitpick_ignore_regex = [
@@ -83,10 +85,10 @@ SECTIONS = {
     ],
     "Explanation": ["paper", "model", "beyond_the_paper", "inference", "psychophysics"],
 }
-PLACED = {"index"}.union(*SECTIONS.values())
+PLACED = {"index", "releasing"}.union(*SECTIONS.values())
 SECTIONS["Explanation"] += sorted({path.stem for path in DOCS.glob("*.md")} - PLACED)
 SECTIONS["Project"] = sorted(f"/{path.stem}" for path in ROOT.glob("*.md") if path.stem != "README")
-SECTIONS["Project"].append("/tests/golden/psyphy/README")
+SECTIONS["Project"] += ["releasing", "/tests/golden/psyphy/README"]
 PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
 HEADERS = ROOT / "cpp/include"
@@ -283,7 +285,7 @@ def find_public(app: Sphinx, env: object, node: Element, content: Element) -> El
 
 
 def figures(notebook: Path) -> str:
-    """The pictures that a notebook stored, each above the code of its cell."""
+    """Thumbnails of the pictures that a notebook stored, each a link to the notebook."""
     text, above = "", []
     for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"]):
         code = "".join(cell["source"])
@@ -294,9 +296,19 @@ def figures(notebook: Path) -> str:
                 file = ROOT / f"build/gallery/{notebook.stem}-{number}-{place}.png"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(base64.b64decode(picture))
-                text += f"\n```{{figure}} /build/gallery/{file.name}\n:alt: {above[-1]}\n:loading: lazy\n\n{above[-1]}\n```\n"
-                text += f"\n:::{{dropdown}} Code\n```python\n{code}\n```\n:::\n"
-    return f"\n\n## [{above[0]}](../notebooks/{notebook.name})\n{text}"
+                text += f":::{{grid-item-card}} {above[-1]}\n:img-top: /build/gallery/{file.name}\n:img-alt: {above[-1]}\n"
+                text += f":link: /notebooks/{notebook.stem}\n:link-type: doc\n:::\n"
+    return f"\n\n## [{above[0]}](../notebooks/{notebook.name})\n\n::::{{grid}} 1 2 3 3\n{text}::::\n"
+
+
+def describe_pictures(app: Sphinx, tree: Element) -> None:
+    """Gives a picture without a text the title of its section."""
+    for picture in tree.findall(nodes.image):
+        section = picture.parent
+        while section is not None and not isinstance(section, nodes.section):
+            section = section.parent
+        if section is not None:
+            picture.setdefault("alt", section[0].astext())
 
 
 def complete(app: Sphinx, page: str, source: list[str]) -> None:
@@ -343,3 +355,4 @@ def setup(app: Sphinx) -> None:
     app.connect("env-check-consistency", check_names)
     app.connect("build-finished", lead_in)
     app.connect("source-read", complete)
+    app.connect("doctree-read", describe_pictures)

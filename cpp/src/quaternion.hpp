@@ -16,7 +16,7 @@ inline bool is_unit(const Quaternion& q) {
 
 inline void require_unit(const std::string& name, const Quaternion& q) {
   if (!is_unit(q))
-    refuse("length of " + name, "1", std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])));
+    refuse("length of " + name, "1", std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]));
 }
 
 inline Eigen::Quaterniond to_eigen(const Quaternion& q) { return {q[0], q[1], q[2], q[3]}; }

@@ -28,7 +28,8 @@ struct Eye {
 
 // Slopes between which a circle at (across, ahead), ahead > radius, is seen.
 std::array<double, 2> slopes(double across, double ahead, double radius) {
-  const double middle = std::atan2(across, ahead), half = std::asin(radius / std::hypot(across, ahead));
+  const double middle = std::atan2(across, ahead),
+               half = std::asin(radius / std::sqrt(across * across + ahead * ahead));
   constexpr double widest = 1.5;
   return {std::tan(std::max(-widest, middle - half)), std::tan(std::min(widest, middle + half))};
 }

@@ -301,7 +301,7 @@ def reference_of(design: Mapping[str, Any]) -> float | None:
 
 
 def trial_rows(runs: Iterable[Answers]) -> list[dict[str, Any]]:
-    """All trials of several runs, a row each, such as for `pandas.DataFrame`.
+    """All trials of several runs, a row each, such as for a DataFrame of pandas.
 
     Parameters
     ----------

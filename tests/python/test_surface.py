@@ -359,7 +359,7 @@ def test_exports_that_are_refused(tmp_path, capsys):
     burrlab.save_bone(tmp_path / "whole.h5", burrlab.VoxelBone.block((2, 2, 2), 0.1))
     (tmp_path / "old.stl").touch()
     for out, options, words in (
-        ("new", (), "--out must end in .hdf5, .stl, .ply, .burr, got"),
+        ("new", (), "--out must end in .hdf5, .stl, .ply, .burr, .csv, got"),
         ("old.stl", (), "--out must be a new file"),
         ("new.stl", (), "bone has no voxel that lost 1 of 255 levels"),
         ("new.stl", ("--burr", "0"), "--burr goes with --out FILE.hdf5"),

@@ -27,6 +27,7 @@ from session_scenes import (
 
 import burrlab
 import burrlab.session.recorder as trace_writer
+from burrlab.cli import main
 from burrlab.session.trace import BURR_DTYPE
 
 
@@ -277,6 +278,14 @@ def test_frames_and_columns(file, monkeypatch):
         table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
     )
     assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
+    assert main(["export", str(file), "--out", str(file.with_suffix(".csv"))]) in (0, None)
+    rows = np.genfromtxt(file.with_suffix(".csv"), delimiter=",", names=True)
+    assert rows["index"].tolist() == np.repeat(trace.ticks["index"], 2).tolist()
+    for burr in (0, 1):
+        columns = trace.columns(burr)
+        assert rows.dtype.names == ("burr", *columns)
+        for name, values in columns.items():
+            np.testing.assert_array_equal(rows[name][rows["burr"] == burr], values)
     refused(
         (lambda: trace.to_dataframe(2), "burr must be an index below 2, got 2"),
         (lambda: trace.array("force_N", -1), "burr must be an index below 2, got -1"),

@@ -496,12 +496,13 @@ COMMANDS = {
         WATCH,
         *OUTPUT,
     )),
-    "export": Command("session", "Write a trace for volumetric_drilling (.hdf5), a cavity as a closed surface (.stl, .ply), "
-            "or a bone for C++ programs (.burr).", (
+    "export": Command("session", "Write a trace for volumetric_drilling (.hdf5) or as a table (.csv), a cavity as a closed "
+            "surface (.stl, .ply), or a bone for C++ programs (.burr).", (
         option("file", "a trace; for a surface or .burr also a bone that was kept (.h5, .burr, or a half-drilled volume); "
             "for .burr instead of --volume and --labels", metavar="FILE", nargs="?"),
         option("--out", "a new file, whose ending says what is written: .hdf5 as volumetric_drilling records a session, "
-                        ".stl or .ply the surface of what was removed [mm], .burr a flat file", required=True, metavar="FILE"),
+                        ".csv a row a tick and burr, .stl or .ply the surface of what was removed [mm], .burr a flat file",
+               required=True, metavar="FILE"),
         option("--burr", "that is the drill in .hdf5, default 0", type=whole, metavar="INDEX"),
         flag("--old", ".hdf5 in the layout of recordings before 2025"),
         flag("--left", "the surface of what is left"),

@@ -1,6 +1,7 @@
 """Live sessions and the use of their traces: session | devices | replica | replay | metrics | export."""
 
 import contextlib
+import csv
 import json
 import os
 import signal
@@ -38,7 +39,7 @@ from burrlab.cli.options import (
 )
 from burrlab.cli.recipe import OF_LABELS, PLACE, chosen_recipe, say_notes
 from burrlab.common.check import refuse
-from burrlab.common.files import kept_elsewhere
+from burrlab.common.files import kept_elsewhere, new_file
 from burrlab.effects.companion import Companion
 from burrlab.foreign.volumetric_drilling import (
     export_volumetric_drilling,
@@ -423,7 +424,7 @@ def do_export(options: Options) -> None:
     of_volume = options.volume is not None or options.labels is not None
     for applies, names, why in (
         (ending != ".hdf5", ("burr", "old"), "goes with --out FILE.hdf5"),
-        (ending == ".hdf5", ("until",), "goes with --out FILE.stl, .ply or .burr"),
+        (ending in (".hdf5", ".csv"), ("until",), "goes with --out FILE.stl, .ply or .burr"),
         (ending not in (".stl", ".ply"), ("left", "level"), "goes with --out FILE.stl and FILE.ply"),
         (ending != ".burr", ("volume", "labels"), "goes with --out FILE.burr"),
         (not of_volume, ("map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS), "goes with a volume"),
@@ -445,6 +446,22 @@ def _export_recording(options: Options) -> tuple[dict[str, Any], str]:
         layout="old" if options.old else "new", progress=on_terminal(),
     )  # fmt: skip
     return {}, ""
+
+
+def _export_ticks(options: Options) -> tuple[dict[str, Any], str]:
+    trace = burrlab.load_trace(options.file)
+    tables = [trace.columns(burr) for burr in range(trace.burrs)]
+    with new_file(options.out, ".csv") as part, open(part, "w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["burr", *tables[0]])
+        for begin in range(0, len(trace), 4096):
+            parts = [
+                zip(*(column[begin : begin + 4096].tolist() for column in table.values()), strict=True)
+                for table in tables
+            ]
+            for rows in zip(*parts, strict=True):
+                writer.writerows([burr, *row] for burr, row in enumerate(rows))
+    return {"rows": len(trace) * trace.burrs}, f": {len(trace)} ticks, burrs: {trace.burrs}"
 
 
 def _bone_to_export(options: Options) -> tuple[VoxelBone, int, str, NDArray[np.float64]]:
@@ -495,4 +512,5 @@ _EXPORTS = {
     ".stl": _export_surface,
     ".ply": _export_surface,
     FLAT_ENDING: _export_bone,
+    ".csv": _export_ticks,
 }

@@ -439,9 +439,24 @@ class Trace:
             self.array("touching", burr) == 1, levels > 0, np.cumsum(levels) * (self.voxel_volume / 255.0),
         )  # fmt: skip
 
+    def columns(self, burr: int = 0) -> dict[str, NDArray[Any]]:
+        """One burr's ticks by scalar columns, each of shape (n,).
+
+        Vectors have _x, _y, _z before the unit, the orientation has _w, _x, _y, _z.
+
+        Raises
+        ------
+        ValueError
+            If there is no such burr.
+        """
+        columns = {name: self.array(name, burr) for name in TICK_COLUMNS}
+        for name in BURR_COLUMNS:
+            scalars = np.atleast_2d(self.array(name, burr).T)
+            columns |= zip(_components(name, BURR_DTYPE[name].shape), scalars, strict=True)
+        return columns
+
     def to_dataframe(self, burr: int = 0) -> "pandas.DataFrame":
-        """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit, the
-        orientation has _w, _x, _y, _z.
+        """One burr's `columns` as a pandas DataFrame, indexed by tick.
 
         Raises
         ------
@@ -450,11 +465,7 @@ class Trace:
         ImportError
             If pandas is not installed.
         """
-        columns: dict[str, Any] = {name: self.array(name, burr) for name in TICK_COLUMNS}
-        for name in BURR_COLUMNS:
-            scalars = np.atleast_2d(self.array(name, burr).T)
-            columns |= zip(_components(name, BURR_DTYPE[name].shape), scalars, strict=True)
-        return dataframe(columns).set_index("index")
+        return dataframe(self.columns(burr)).set_index("index")
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)

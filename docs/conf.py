@@ -301,8 +301,11 @@ def figures(notebook: Path) -> str:
     return f"\n\n## [{above[0]}](../notebooks/{notebook.name})\n\n::::{{grid}} 1 2 3 3\n{text}::::\n"
 
 
-def describe_pictures(app: Sphinx, tree: Element) -> None:
-    """Gives a picture without a text the title of its section."""
+def complete_outputs(app: Sphinx, tree: Element) -> None:
+    """Leads links in notebooks' outputs to pages of the site; gives pictures without a text their section's title."""
+    for link in tree.findall(nodes.reference):
+        if (uri := link.get("refuri", "")).startswith("../"):
+            link["refuri"] = re.sub(r"\.(md|ipynb)(?=#|$)", ".html", uri)
     for picture in tree.findall(nodes.image):
         section = picture.parent
         while section is not None and not isinstance(section, nodes.section):
@@ -355,4 +358,4 @@ def setup(app: Sphinx) -> None:
     app.connect("env-check-consistency", check_names)
     app.connect("build-finished", lead_in)
     app.connect("source-read", complete)
-    app.connect("doctree-read", describe_pictures)
+    app.connect("doctree-read", complete_outputs)

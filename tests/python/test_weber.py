@@ -296,6 +296,15 @@ def test_what_a_device_could_not_render():
     assert "01: limits shortened the force in 24 trials" in "\n".join(group_lines(tasks[0]))
 
 
+def test_few_thresholds_that_differ_much_have_an_open_interval():
+    two = [SubjectThreshold(x, 9, False, 9, (), 3.0**y, None, "", None) for x, y in (("a", 0.02), ("b", 2.0))]
+    task = ThresholdTask("up", {}, 0.95, tuple(two), (), 0, 0, "")
+    threshold, near, far = task.group_threshold
+    assert (near, math.isinf(far)) == (pytest.approx(1.0), True)
+    assert math.log(threshold) == pytest.approx(0.2 * math.log(3.0))
+    assert "1.000 to inf" in "\n".join(group_lines(task))
+
+
 def replayed(order):
     """The order with all answers right."""
     while (trial := order.next()) is not None:

@@ -221,6 +221,49 @@ def test_beside_psignifit(seed):
     assert abs(math.log(ours.fraction / (theirs.threshold - 1.0))) < 0.5 * ours.error
 
 
+@pytest.mark.parametrize("stops", [(), (2,), (9, 21)])
+def test_references_may_be_interleaved(tmp_path, stops):
+    """Trials of one sitting in an order of their own, block by block; the same after a stop."""
+    options = (
+        "references = [0.5, 1, 2]\ninterleave = true\npractice = 1\nblocks = 2\ncatch = 1\nreversals = 20"
+    )
+    text = SMALL.replace('parameter = "c_e"', 'parameter = "c_e"\ninterval_s = 0.2')
+    made = protocol(tmp_path, text.replace("trials = 10", f"trials = 8\n{options}"))
+    together = ("up1", "up2", "up3")
+    assert made.units == [("probing",), ("match",), together]
+    assert {made.tasks_of(x).index("up2") - made.tasks_of(x).index("up1") for x in made.subjects} == {1}
+    asked, left = [], [*stops, 1000]
+
+    class Seen(PsychometricSeat):
+        def ask(self, design, trial, rendered):
+            if len(asked) == left[0]:
+                raise KeyboardInterrupt(left.pop(0))
+            asked.append((design.reference.name, trial.phase, trial.number, trial.block))
+            return super().ask(design, trial, rendered)
+
+        def progress(self, text):
+            assert not text or text.endswith(f"of {3 if 'practice' in text else 27}, " + text.split(", ")[1])
+
+    seat = Seen(lambda p0: 0.3, seed=1, name="01")
+    for _ in (*stops, None):
+        sitting = Sitting(made, "01", tasks=together, device="hand", simulated={"set": 1}, once=True)
+        try:
+            sitting.run(lambda task: seat)
+        except KeyboardInterrupt:
+            continue
+    assert [block for *_, block in asked] == sorted(block for *_, block in asked)
+    assert Counter(name for name, *_ in asked) == dict.fromkeys(("bone c_e x0.5", "bone", "bone c_e x2"), 10)
+    assert "".join(name[-1] for name, *_ in asked) == INTERLEAVED
+    assert all(subject.complete for task in analyse(made).tasks for subject in task.subjects)
+    plain = protocol(tmp_path, text.replace("trials = 10", "trials = 8"))
+    assert "interleaved" not in plain.to_dict()["experiment"]
+    with pytest.raises(ValueError, match="interleave goes with references"):
+        protocol(tmp_path, text.replace("trials = 10", "trials = 8\ninterleave = true"))
+
+
+INTERLEAVED = "25ee55e222e2555ee2e5e522e2e552"
+
+
 def test_what_was_pressed_stands_beside():
     """W falls with the force, which rises with the reference: at equal force the slope is another one."""
     random, rows = np.random.default_rng(6), []

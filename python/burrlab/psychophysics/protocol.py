@@ -168,12 +168,13 @@ def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[
         default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
         listed = hints[name] is int and "references" in table and isinstance(table.value(name, None), list)
         options[name] = _read(table, key_of(name), list if listed else hints[name], stimuli, default)
-    factors, direction = (
-        table.get(key, _LIST, default=None) if issubclass(kind, ComparisonDesign) else None
-        for key in ("references", "direction")
+    factors, direction, together = (
+        table.get(key, kind_of_key, default=None) if issubclass(kind, ComparisonDesign) else None
+        for key, kind_of_key in (("references", _LIST), ("direction", _LIST), ("interleave", _FLAG))
     )
     table.done()
-    table.refuse(factors is None and direction is not None, "direction goes with references")
+    for name, lonely in (("direction", direction is not None), ("interleave", together)):
+        table.refuse(lonely and factors is None, f"{name} goes with references")
     try:
         given = {name: value for name, value in options.items() if key_of(name) in table}
         apart = {name: value for name, value in given.items() if hints[name] is int and type(value) is list}
@@ -357,16 +358,19 @@ def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
         }
 
 
-def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
-    """The designs of [tasks] by name, in the order of the file, with the stimuli of [materials]."""
+def designs_of(file: TomlTable) -> tuple[Mapping[str, TaskDesign], tuple[tuple[str, ...], ...]]:
+    """The designs of [tasks] by name, in the order of the file, with the stimuli of [materials]; those interleaved."""
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
     tables = table.tables()
     table.refuse(not tables, "there must be at least one task, [tasks.NAME]")
     _check_labels(table, "a task", list(tables))
     tasks: dict[str, TaskDesign] = {}
+    interleaved = []
     for table_name, task_table in tables.items():
         designs = designs_of_table(task_table, stimuli)
+        if task_table.get("interleave", _FLAG, default=False):
+            interleaved.append(tuple(f"{table_name}{number}" for number in range(1, len(designs) + 1)))
         for number, design in enumerate(designs, 1):
             name = f"{table_name}{number}" if "references" in task_table else table_name
             task_table.refuse(name in tasks, f"its reference {number} is task {name}, which is there already")
@@ -376,7 +380,7 @@ def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
                     f"this is task {other} again, trial by trial: give one of them more trials or blocks",
                 )
             tasks[name] = design
-    return MappingProxyType(tasks)
+    return MappingProxyType(tasks), tuple(interleaved)
 
 
 def analysis_of(table: TomlTable) -> AnalysisSettings:
@@ -442,6 +446,8 @@ class Protocol:
         Keys of the two answers, in their order.
     limits : str
         Model whose limits hold, as for `burrlab.Session`; "device", what the device's driver names, or "none".
+    interleaved : tuple of tuples of str
+        Tasks whose trials are asked among one another.
     """
 
     path: Path
@@ -464,6 +470,7 @@ class Protocol:
     analysis: AnalysisSettings
     keys: str = KEYS
     limits: str = "device"
+    interleaved: tuple[tuple[str, ...], ...] = ()
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Protocol":
@@ -500,12 +507,14 @@ class Protocol:
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
         fewer: Rule = (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects))
         burr, bone = burr_and_bone_of(file, path.parent)
+        tasks, interleaved = designs_of(file)
         protocol = cls(
             path=path,
             name=name,
             seed=seed,
             subjects=subjects,
-            tasks=designs_of(file),
+            tasks=tasks,
+            interleaved=interleaved,
             burr=burr,
             bone=bone,
             folder=path.parent / get("folder", _TEXT, default="data"),
@@ -540,11 +549,14 @@ class Protocol:
         ValueError
             If the protocol has no such subject.
         """
-        return tuple(
-            counterbalanced(
-                tuple(self.tasks), self.subjects.index(self._known("subject", subject, self.subjects))
-            )
-        )
+        place = self.subjects.index(self._known("subject", subject, self.subjects))
+        return tuple(task for unit in counterbalanced(self.units, place) for task in unit)
+
+    @property
+    def units(self) -> list[tuple[str, ...]]:
+        """Tasks that are done together; most are alone."""
+        unit_of = {task: unit for unit in self.interleaved for task in unit}
+        return list(dict.fromkeys(unit_of.get(task, (task,)) for task in self.tasks))
 
     def order(self, subject: str, task: str) -> Order:
         """The trials of a subject in a task, at their beginning.
@@ -672,6 +684,7 @@ class Protocol:
                     "selected_by": self.selected_by,
                     "selected_from": self.selected_from,
                     **({} if self.limits == "device" else {"limits": self.limits}),
+                    **({"interleaved": self.interleaved} if self.interleaved else {}),
                 },
                 "burr": {"radius_mm": self.burr.radius},
                 "bone": self.bone.plain(),

@@ -1,5 +1,6 @@
 """The run of one subject through the tasks: intervals, question, answer on disk, next trial."""
 
+import contextlib
 import itertools
 import math
 import time
@@ -14,6 +15,7 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
 from burrlab.psychophysics.answers import AnswerFile
+from burrlab.psychophysics.designs import Draws
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
@@ -99,8 +101,9 @@ class Runner:
         live: bool = False,
         render: Callable[..., Rendered] = render,
     ) -> None:
+        self.task, self.seat, self.experimenter = task, seat, experimenter
         self._protocol, self._design, self._order, self._file = protocol, protocol.tasks[task], order, file
-        self._seat, self._experimenter, self._device = seat, experimenter, device
+        self._device = device
         seat.keys = protocol.keys
         self._time = file.end  # on a virtual clock only intervals take time [s]
         self._live, self._renderer = live, render
@@ -108,9 +111,13 @@ class Runner:
         self._silent = False
         self._before = len(order.answered)
         self.repeated = 0  # trials repeated because the loop stalled
+        self._together = [self]
 
-    def run(self) -> int:
+    def run(self, *others: "Runner") -> int:
         """Asks all remaining trials of the order, and returns how many were answered.
+
+        Those of other runners of the subject are asked among them, block by block in random order, which depends on
+        the seed and the number of answers.
 
         Raises
         ------
@@ -119,24 +126,61 @@ class Runner:
         KeyboardInterrupt
             If the subject or the experimenter ended the run.
         """
+        runners = [self, *others]
+        for runner in runners:
+            runner._together = runners
         if (first := self._order.next()) is not None:
             self._welcome(first)
-        while (trial := self._order.next()) is not None:
-            self._rest_before(trial)
-            self._announce(trial)
-            felt, repeats = self._feel(trial)
-            response, response_time = self._seat.ask(
-                self._design, trial, [interval.rendered for interval in felt]
-            )
-            onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
-            row = AnswerRow.of(
-                trial, onset=onset, duration=felt[-1].over - onset, response=response, response_time=response_time,
-                endings=endings, repeats=repeats, felt=[interval.rendered for interval in felt],
-            )  # fmt: skip
-            self._file.append(row)
-            self._order.answer(response, lost=row.lost)
-            self._after(row)
-        return len(self._order.answered) - self._before
+        while trials := [
+            (runner, trial) for runner in runners if (trial := runner._order.next()) is not None
+        ]:
+            block = min(trial.block for _, trial in trials)  # practice is block 0
+            # each as likely as it has trials left, so that all orders are equally likely
+            turns = [
+                pair
+                for pair in sorted(trials, key=lambda pair: pair[0].task)
+                for _ in range(pair[0].answered, pair[0]._order.total)
+                if pair[1].block == block
+            ]
+            place = 0
+            if len(runners) > 1:
+                text = {
+                    "asked": len(self._answered),
+                    "files": sorted(each._file.path.name for each in runners),
+                }
+                place = Draws(self._protocol.seed, "interleaved", text).below(len(turns))
+            runner, trial = turns[place]
+            runner._ask(trial)
+        return sum(runner.answered - runner._before for runner in runners)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all trials of the task are answered."""
+        return self._order.next() is None
+
+    @property
+    def answered(self) -> int:
+        """Number of answered trials of the task."""
+        return len(self._order.answered)
+
+    @property
+    def _answered(self) -> list[Trial]:
+        """Trials that were answered, of all runners together."""
+        return [trial for runner in self._together for trial, _ in runner._order.answered]
+
+    def _ask(self, trial: Trial) -> None:
+        self._rest_before(trial)
+        self._announce(trial)
+        felt, repeats = self._feel(trial)
+        response, response_time = self.seat.ask(self._design, trial, [interval.rendered for interval in felt])
+        onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
+        row = AnswerRow.of(
+            trial, onset=onset, duration=felt[-1].over - onset, response=response, response_time=response_time,
+            endings=endings, repeats=repeats, felt=[interval.rendered for interval in felt],
+        )  # fmt: skip
+        self._file.append(row)
+        self._order.answer(response, lost=row.lost)
+        self._after(row)
 
     def _feel(self, trial: Trial, repeats: int = 0) -> tuple[list[_Felt], int]:
         """The trial's intervals, all repeated if the loop stalled in one, and the number of repeats."""
@@ -146,14 +190,14 @@ class Runner:
             if repeats == _REPEATS:
                 raise
         self.repeated += 1
-        self._experimenter.say(f"trial {trial.number} is repeated from its first interval")
-        self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
+        self.experimenter.say(f"trial {trial.number} is repeated from its first interval")
+        self.seat.ready("Please lift the burr. This one is repeated, from its beginning.")
         return self._feel(trial, repeats + 1)
 
     def _welcome(self, first: Trial) -> None:
         answers = zip(self._protocol.keys, self._design.answers, strict=True)
         keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
-        again = "You go on where you stopped. " * bool(self._order.answered)
+        again = "You go on where you stopped. " * bool(self._answered)
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
         count = {2: "two", 3: "three"}[len(long)]
@@ -162,35 +206,39 @@ class Runner:
             if len(set(long)) == 1
             else f"They last {', '.join(long[:-1])} and {long[-1]}; a beep tells start and end."
         )
-        self._seat.progress("")
-        self._seat.ready(
+        self.seat.progress("")
+        self.seat.ready(
             f"{again}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
     def _rest_before(self, trial: Trial) -> None:
         """Gives a break at the end of a block, but not at the start of a sitting."""
-        last = self._order.answered[-1][0] if self._order.answered else trial
-        if last.block == trial.block:  # practice is block 0
+        last = max((answered.block for answered in self._answered), default=trial.block)
+        if last == trial.block:
             return
-        self._seat.progress("")
-        if last.phase == "practice":
-            self._seat.ready("That was practice. Now it counts.")
-        elif len(self._order.answered) > self._before:
-            self._experimenter.say(f"break of {self._protocol.rest:g} s before block {trial.block}")
-            self._seat.rest("Take a break.", self._protocol.rest)
+        self.seat.progress("")
+        if last == 0:  # practice
+            self.seat.ready("That was practice. Now it counts.")
+        elif any(runner.answered > runner._before for runner in self._together):
+            self.experimenter.say(f"break of {self._protocol.rest:g} s before block {trial.block}")
+            self.seat.rest("Take a break.", self._protocol.rest)
 
     def _announce(self, trial: Trial) -> None:
-        practised = sum(answered_trial.phase == "practice" for answered_trial, _ in self._order.answered)
-        number = len(self._order.answered) - practised + 1
-        place, total = f"block {trial.block}", self._order.total - self._design.practice
+        phases = [answered.phase for answered in self._answered]
+        practised, practice = (
+            phases.count("practice"),
+            sum(runner._design.practice for runner in self._together),
+        )
+        number, total = len(phases) - practised + 1, sum(runner._order.total for runner in self._together)
+        place, total = f"block {trial.block}", total - practice
         if trial.phase == "practice":
-            number, place, total = practised + 1, "practice", self._design.practice
-        self._seat.progress(f"Trial {number} of {total}, {place}")
+            number, place, total = practised + 1, "practice", practice
+        self.seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
         stimuli = ", ".join(f"{i.stimulus.name} ({_constants(i)})" for i in trial.intervals)
         kind = ", catch" * (trial.phase == "catch")
-        self._experimenter.say(
+        self.experimenter.say(
             f"trial {trial.number} ({place}{kind}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
 
@@ -198,32 +246,32 @@ class Runner:
         interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
         real = interval.stimulus.material is None
         do = "Take the real specimen." if real else "Lift the burr clear of the material."
-        self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
+        self.seat.ready(f"Next: {name.lower()}.\n\n{do}")
         if self._live and not real:
             self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
-        self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
+        self.seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
         began, rendered = self._now(), None
-        if real and not self._seat.simulated:
+        if real and not self.seat.simulated:
             ended = self._real(interval)
         else:
             rendered = self._render(trial, number)
             self._time += rendered.duration
             ended = rendered.ended
         felt = _Felt(rendered, ended, began, self._now())
-        self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._protocol.pause)
+        self.seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._protocol.pause)
         if ended in ("break-through", "wall"):
-            self._experimenter.say(
+            self.experimenter.say(
                 f"{name.lower()} of trial {trial.number} ended by {ended} after {felt.over - began:.2f} s"
             )
         return felt
 
     def _now(self) -> float:
-        return self._file.elapsed() if self._seat.wall_clock else self._time
+        return self._file.elapsed() if self.seat.wall_clock else self._time
 
     def _real(self, interval: Interval) -> str:
         end = math.inf if interval.duration is None else time.monotonic() + interval.duration
-        while not self._seat.done():
+        while not self.seat.done():
             if time.monotonic() >= end:
                 return "time"
             time.sleep(_LOOK)
@@ -231,7 +279,7 @@ class Runner:
 
     def _render(self, trial: Trial, number: int) -> Rendered:
         """An interval on fresh bone and a new device; DeviceLost if the device fails before its end."""
-        interval = self._seat.stand_in(trial.intervals[number - 1])
+        interval = self.seat.stand_in(trial.intervals[number - 1])
         self._silent = False
         rendered = self._renderer(
             interval,
@@ -239,12 +287,12 @@ class Runner:
             burr=self._protocol.burr,
             bone=self._protocol.bone,
             mode=self._design.mode,
-            wall_clock=self._seat.wall_clock,
+            wall_clock=self.seat.wall_clock,
             limits=None if self._protocol.limits == "none" else self._protocol.limits,
             record=self._trace(trial, number) if self._protocol.trace else None,
-            publish=None if self._seat.simulated else self._protocol.publish,
+            publish=None if self.seat.simulated else self._protocol.publish,
             on_message=self._hear,
-            stop=lambda: self._silent or (interval.duration is None and self._seat.done()),
+            stop=lambda: self._silent or (interval.duration is None and self.seat.done()),
         )
         if rendered.failed or self._silent:
             raise self._lost(trial, "during an interval", rendered.reason)
@@ -266,17 +314,17 @@ class Runner:
         """Tells the experimenter of a first tick in contact and of many late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
         if self._live and len(ticks) and ticks["touching"][0]:
-            self._experimenter.say(f"{which} began in contact, at {np.linalg.norm(ticks['force'][0]):.2f} N")
+            self.experimenter.say(f"{which} began in contact, at {np.linalg.norm(ticks['force'][0]):.2f} N")
         late = int((ticks["periods"] > 1).sum())
         if late > MANY_LATE * len(ticks):
-            self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
+            self.experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
         """Waits until the burr is off the material; DeviceLost if the device fails before."""
 
         def ask() -> None:
-            self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
-            self._experimenter.say(f"trial {trial.number} waits until the burr is lifted")
+            self.seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
+            self.experimenter.say(f"trial {trial.number} waits until the burr is lifted")
 
         self._silent = False
         device = self._device(self._design.mode)
@@ -290,10 +338,10 @@ class Runner:
 
     def _lost(self, trial: Trial, when: str, reason: str) -> DeviceLost:
         if reason.startswith(_STALLED) and not self._silent:
-            self._experimenter.say(f"trial {trial.number} was broken off {when}: {reason}")
+            self.experimenter.say(f"trial {trial.number} was broken off {when}: {reason}")
             return LoopStalled(f"{reason}, {when} of trial {trial.number}")
         reason = "it gives no position" if self._silent else reason
-        self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
+        self.experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
         return DeviceLost(f"the device was lost {when}: {reason}")
 
     def _hear(self, text: str) -> None:
@@ -301,19 +349,19 @@ class Runner:
         self._silent = self._silent or text.startswith(_SILENT)
         if text not in self._heard:
             self._heard.add(text)
-            self._experimenter.say(text)
+            self.experimenter.say(text)
 
     def _after(self, row: AnswerRow) -> None:
         main = [response == trial.correct for trial, response in self._order.counted()]
         fast = row.response_time is not None and row.response_time < TOO_FAST
         duration = "" if row.response_time is None else f" in {row.response_time:.2f} s"
-        self._experimenter.say(
+        self.experimenter.say(
             f"trial {row.trial} ended by {', '.join(map(str, row.endings))}; answered {row.response}{duration}"
             f"{', too fast to have judged' * fast}, {'right' if row.correct else 'wrong'}; {sum(main)} of {len(main)} "
             f"right{'; it does not count, as the burr did not come to the boundary' * row.lost}"
         )
         if self._protocol.feedback and row.phase == "practice":
-            self._seat.tell("Not deep enough." if row.lost else "Right." if row.correct else "Not right.")
+            self.seat.tell("Not deep enough." if row.lost else "Right." if row.correct else "Not right.")
 
 
 def _constants(interval: Interval) -> str:
@@ -409,48 +457,66 @@ class Sitting:
         BlockingIOError, FileNotFoundError, ValueError, OSError
             As for `Protocol.begin` and `Protocol.resume`.
         """
-        answer_count = 0
-        for task in self.tasks:
-            answer_count += self._run_task(task, seat(task), rest=answer_count > 0)
+        answer_count, units = 0, self.protocol.units
+        for unit in dict.fromkeys(next(unit for unit in units if task in unit) for task in self.tasks):
+            tasks = [task for task in unit if task in self.tasks]
+            answer_count += self._run_tasks(tasks, seat, rest=answer_count > 0)
         return answer_count
 
-    def _run_task(self, task: str, seat: Seat, *, rest: bool) -> int:
-        enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
-        file, order = enter(self.subject, task, device=self._text, simulated=self._simulated)
-        with file, Experimenter(self.protocol.data.log(self.subject, task), self._view) as experimenter:
-            if order.next() is None:
+    def _run_tasks(self, tasks: Sequence[str], seat: Callable[[str], Seat], *, rest: bool) -> int:
+        """Runs one task, or several together."""
+        with contextlib.ExitStack() as stack:
+            entered = [self._enter(stack, task, seat(task)) for task in tasks]
+            runners = [runner for runner in entered if not runner.finished]
+            if not runners:
                 return 0
-            done = f", {len(order.answered)} trials were answered before" if order.answered else ""
-            experimenter.say(
-                f"{datetime.now():%Y-%m-%d}: {'simulated ' * seat.simulated}subject {self.subject}, task {task}, "
-                f"at most {order.total} trials{done}"
-            )
-            forceless = self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None
-            for note in (_NO_FORCE,) * forceless + file.notes:
-                experimenter.say(note)
-            if not (self._tried or seat.simulated):
+            first, *others = *runners, *(runner for runner in entered if runner.finished)
+            if not (self._tried or first.seat.simulated):
                 self._tried = True
-                experimenter.say(try_loop(self.protocol.burr, self.protocol.bone))
+                first.experimenter.say(try_loop(self.protocol.burr, self.protocol.bone))
             if rest:
-                seat.progress("")
-                seat.rest("That was one task. Take a break.", self.protocol.rest)
-            runner = Runner(
-                self.protocol, task, order, file, seat, experimenter, self._device, live=self._live,
-                render=_rendered_once() if self._once else render,
-            )  # fmt: skip
+                first.seat.progress("")
+                first.seat.rest("That was one task. Take a break.", self.protocol.rest)
             try:
-                answer_count = runner.run()
+                answer_count = first.run(*others)
             except BaseException as error:
                 on = f"; {self._again} goes on" if self._again else ""
-                experimenter.say(
-                    f"ended early, {type(error).__name__}: {len(order.answered)} trials are answered{on}"
-                )
+                for runner in runners:
+                    runner.experimenter.say(
+                        f"ended early, {type(error).__name__}: {runner.answered} trials are answered{on}"
+                    )
                 raise
             finally:
-                if runner.repeated:
-                    experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
-            experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
+                for runner in runners:
+                    if runner.repeated:
+                        runner.experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
+            for runner in runners:
+                runner.experimenter.say(f"task {runner.task} is over, {runner.answered} trials were answered")
             return answer_count
+
+    def _enter(self, stack: contextlib.ExitStack, task: str, seat: Seat) -> Runner:
+        """The runner of a task, whose file and log the stack closes."""
+        enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
+        file, order = enter(self.subject, task, device=self._text, simulated=self._simulated)
+        stack.enter_context(file)
+        experimenter = stack.enter_context(
+            Experimenter(self.protocol.data.log(self.subject, task), self._view)
+        )
+        runner = Runner(
+            self.protocol, task, order, file, seat, experimenter, self._device, live=self._live,
+            render=_rendered_once() if self._once else render,
+        )  # fmt: skip
+        if runner.finished:
+            return runner
+        done = f", {len(order.answered)} trials were answered before" if order.answered else ""
+        experimenter.say(
+            f"{datetime.now():%Y-%m-%d}: {'simulated ' * seat.simulated}subject {self.subject}, task {task}, "
+            f"at most {order.total} trials{done}"
+        )
+        forceless = self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None
+        for note in (_NO_FORCE,) * forceless + file.notes:
+            experimenter.say(note)
+        return runner
 
     def _file(self, task: str) -> Path:
         return self.protocol.data.answers(self.subject, task)

@@ -177,21 +177,27 @@ def designs_of_table(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> list[
         table.refuse(lonely and factors is None, f"{name} goes with references")
     try:
         given = {name: value for name, value in options.items() if key_of(name) in table}
-        apart = {name: value for name, value in given.items() if hints[name] is int and type(value) is list}
-        designs: list[TaskDesign] = []
-        for place in range(len(factors or [1.0])):
-            for name, numbers in apart.items():
-                wrong = len(numbers) != len(factors or ()) or not numbers[place].is_integer()
-                refuse(wrong, f"{name} must be a whole number, or one for each of references, got {numbers}")
-                given[name] = int(numbers[place])
-            design = kind(**given)
-            if factors is not None and isinstance(design, ComparisonDesign):
-                design = list(design.around(factors, direction))[place]
-            designs.append(design)
-        return designs
+        if factors is None or not issubclass(kind, ComparisonDesign):
+            return [kind(**given)]
+        apart = [name for name, value in given.items() if hints[name] is int and isinstance(value, list)]
+        return list(_at_references(kind, given, apart, factors, direction))
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None
+
+
+def _at_references(
+    kind: type[ComparisonDesign], options: Mapping[str, Any], apart: Collection[str], factors: Sequence[float],
+    direction: Sequence[float] | None,
+) -> Iterator[TaskDesign]:  # fmt: skip
+    """A design for each factor of the reference; the options `apart` are lists, one number for each."""
+    for place in range(len(factors)):
+        for name in apart:
+            numbers = options[name]
+            wrong = len(numbers) != len(factors) or not numbers[place].is_integer()
+            refuse(wrong, f"{name} must be a whole number, or one for each of references, got {numbers}")
+        design = kind(**{**options, **{name: int(options[name][place]) for name in apart}})
+        yield list(design.around(factors, direction))[place]
 
 
 def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:

@@ -203,6 +203,11 @@ def test_a_slope_that_was_set_comes_back(tmp_path):
     assert function.slope.interval[0] < 0.5 < function.slope.interval[1]
     assert function.slope.mean == pytest.approx(0.5, abs=0.25)
     assert "pressed: " in str(function)
+    pytest.importorskip("pandas", reason="extra `pandas` is not installed")
+    rows = function.to_dataframe()
+    assert sorted(rows.c_e_N_per_mm2.unique()) == pytest.approx([1.0725, 2.145, 4.29, 8.58])
+    assert (rows.W_low < rows.W).all()
+    assert (rows.W < rows.W_high).all()
     probing = made.tasks["probing"]
     with pytest.raises(ValueError, match="design must vary a parameter"):
         seat.ask(probing, probing.order(seed=1, subject="x").next(), [])

@@ -17,6 +17,7 @@ from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
+from burrlab.psychophysics.designs import PARAMETER_KEYS
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
@@ -295,8 +296,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
 
 def reference_of(design: Mapping[str, Any]) -> float | None:
     """The reference's parameter in a design's `to_dict` [N/mm^2 or 1/ms]; None if it varies none."""
-    keys = {"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}
-    key = keys.get(design.get("parameter", ""))
+    key = PARAMETER_KEYS.get(design.get("parameter", ""))
     return None if key is None else float(design["reference"][key])
 
 

@@ -267,6 +267,8 @@ Foil: TypeAlias = Literal["either", "middle"]
 
 #: Units of the parameters.
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
+#: Their keys in files, with units.
+PARAMETER_KEYS = {"c_e": "c_e_N_per_mm2", "alpha": "alpha_per_ms"}
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ import scipy
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
-from burrlab.common.table import p_text
-from burrlab.psychophysics.designs import UNITS
+from burrlab.common.table import Tabular, p_text
+from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS
 from burrlab.psychophysics.group import check_level
 from burrlab.psychophysics.psychometric import ThresholdPosterior, threshold_of
 from burrlab.psychophysics.rules import Floats
@@ -205,7 +205,7 @@ class GroupMean:
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityFunction:
+class SensitivityFunction(Tabular):
     """Weber fractions of subjects along references: ln W = level + slope ln(p0/center).
 
     Each subject has a level and a slope of his own, by least squares with weights 1/error^2; sessions have
@@ -313,6 +313,26 @@ class SensitivityFunction:
             covariance, slopes, levels, curvature, scale, freedom, sessions, level, equal,
         )  # fmt: skip
 
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        """A row a subject and reference: W with its interval; those left out last."""
+        rows = [*self.fractions, *self.left_out]
+        factor = [math.exp(self._normal * row.error) if row.error < math.inf else math.inf for row in rows]
+        return {
+            "subject": [row.subject for row in rows],
+            PARAMETER_KEYS[self.parameter]: [row.reference for row in rows],
+            "W": [row.fraction for row in rows],
+            "W_low": [row.fraction / x for row, x in zip(rows, factor, strict=True)],
+            "W_high": [row.fraction * x for row, x in zip(rows, factor, strict=True)],
+            "session": [row.session for row in rows],
+            "force_N": [row.force for row in rows],
+            "left_out": [i >= len(self.fractions) for i in range(len(rows))],
+        }
+
+    @property
+    def _normal(self) -> float:
+        """Quantile of the normal distribution for the intervals."""
+        return float(scipy.stats.norm.ppf(0.5 + 0.5 * self.confidence))
+
     def slope_of(self, subject: str) -> tuple[float, float, float]:
         """A subject's own slope, and its interval by t with `freedom` degrees, normal with none.
 
@@ -402,13 +422,12 @@ class SensitivityFunction:
         """
         ax = axes_or_new(ax)
         ax.set(xscale="log", yscale="log")
-        normal = float(scipy.stats.norm.ppf(0.5 + 0.5 * self.confidence))
         for i, (subject, line) in enumerate(self.lines.items()):
             rows = sorted(
                 (row for row in self.fractions if row.subject == subject), key=lambda row: row.reference
             )
             x, w = np.array([row.reference for row in rows]), np.array([row.fraction for row in rows])
-            error = np.exp(normal * np.array([row.error for row in rows]))
+            error = np.exp(self._normal * np.array([row.error for row in rows]))
             look: dict[str, Any] = {"color": REFERENCE, "alpha": 0.5, "linewidth": 0.8}
             ax.errorbar(
                 x,

@@ -116,7 +116,7 @@ linkcheck: $(VENV)/documented
 	$(BIN)/python -m sphinx -q -b linkcheck -c docs . build/linkcheck
 
 # A wheel for each Python that is installed, for Linux with this machine's C library or a later one.
-PYTHONS ?= $(foreach minor,11 12 13 14,$(shell python3.$(minor) -c 'import sys; print(sys.executable)' 2>/dev/null))
+PYTHONS ?= $(or $(strip $(foreach minor,11 12 13 14,$(shell python3.$(minor) -c 'import sys; print(sys.executable)' 2>/dev/null))),$(PYTHON))
 wheel: $(VENV)/tools
 	$(PIP) --group wheel
 	rm -rf build/wheel dist

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answer_scenes import answer, protocol
+from answer_scenes import SMALL, answer, protocol
 from session_scenes import refused
 
 from burrlab import Burr, load_trace, materials, replay
@@ -31,16 +31,9 @@ from burrlab.session.network import make_bone
 
 BURR, BONE = Burr(3.0), Block((20, 20, 8), 0.2)
 REFERENCE = Stimulus("bone", materials["bone"])
-TEXT = """
-[experiment]
-name = "boundary"
-seed = 3
-subjects = 2
-[burr]
-radius_mm = 3.0
-[bone]
-size_mm = [20.0, 20.0, 8.0]
-voxel_mm = 0.5
+TEXT = (
+    SMALL.partition("[tasks")[0]
+    + """
 [tasks.harder]
 design = "staircase"
 reference = "bone"
@@ -50,6 +43,7 @@ trials = 12
 catch = 2
 boundary_mm = [0.2, 0.6]
 """
+)
 
 
 def design(kind=ConstantStimuli, *args, boundary=(0.3, 0.6), **options):
@@ -119,7 +113,7 @@ def test_refusals(tmp_path):
             "boundary goes with mode 'drilling', got 'probing'",
         ),
         (in_file("[0.2, 0.6]", "[0.2]"), r"\[tasks.harder\]: boundary_mm must be two depths above 0"),
-        (in_file("0.6]", "8]"), "boundary_mm of task harder must lie in the bone, 8 mm deep"),
+        (in_file("0.6]", "6]"), "boundary_mm of task harder must lie in the bone, 6 mm deep"),
     )
 
 
@@ -166,6 +160,11 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
     with file:
         answered(file, order, 5)
     levels = [trial.level for trial, _ in order.answered if trial.phase == "main"]
+    lines = [line.split("\t") for line in file.path.read_text().splitlines()]
+    place, whole = lines[0].index("reached"), file.path.read_text()
+    file.path.write_text("".join("\t".join(line[:place] + line[place + 1 :]) + "\n" for line in lines))
+    refused((lambda: made.resume("01", "harder"), f"column {place + 1} was 'reached'"))
+    file.path.write_text(whole)
     file, order = made.resume("01", "harder")
     with file:
         assert [trial.level for trial, _ in order.answered if trial.phase == "main"] == levels
@@ -207,7 +206,9 @@ def test_what_is_left_to_judge_by():
         for cue in ("change", "sinking"):
             sure = SimulatedSubject(weber=1e-9, cues=[cue], lapse=0.0)
             order = rehearsed_order(one, sure, seed=1, burr=BURR, bone=BONE)
-            share = sum(response == trial.correct for trial, response in order.counted()) / 40.0
+            share = sum(response == trial.correct for trial, response in order.counted()) / len(
+                order.counted()
+            )
             right[cue] = share if cue == "change" else max(share, 1.0 - share)
         print(
             f"foil {foil}, level {level:g}: right by change {right['change']:.0%}, by depth {right['sinking']:.0%}"

@@ -283,7 +283,7 @@ def test_the_page_has_every_key_and_column():
         assert f"`{key}`" in page or key in ("a", "b"), key
     for name, kind in DESIGNS.items():
         (row,) = [line for line in page.splitlines() if line.startswith(f'| `"{name}"`')]
-        common = page[page.index("All have") :].partition("\n")[0]
+        common = page[page.index("All have") :].partition("\n\n")[0]
         for key in map(key_of, inspect.signature(kind).parameters):
             assert f"`{key}`" in row or f"`{key}`" in common, (name, key)
     for column in columns_of("abx"):

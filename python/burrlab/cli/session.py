@@ -183,19 +183,24 @@ def do_session(options: Options) -> int:
     )  # fmt: skip
     interrupted = False
     effects = start_effects(options, session)
-    for where, port in (("on", session.port), ("over VRPN on", session.vrpn_port)):
-        if port is not None:
-            say(f"published {where} {host}, port {port}; there is no authentication")
     with _kept(options, start, session):
-        with ended_by_signals(), session:
-            try:
-                _stop_at_enter(session)
-                show_live(options, session, effects)
-                while not session.wait(1.0):
-                    show_line(_line(session))
-            except KeyboardInterrupt:
-                interrupted = True
-                session.stop("interrupted")
+        try:
+            with ended_by_signals():
+                for where, port in (("on", session.port), ("over VRPN on", session.vrpn_port)):
+                    if port is not None:
+                        say(f"published {where} {host}, port {port}; there is no authentication")
+                with session:
+                    try:
+                        _stop_at_enter(session)
+                        show_live(options, session, effects)
+                        while not session.wait(1.0):
+                            show_line(_line(session))
+                    except KeyboardInterrupt:
+                        session.stop("interrupted")
+                        raise
+        except KeyboardInterrupt:
+            interrupted = True
+            session.stop("interrupted")  # it may not have begun
         show_line("")
         report = session.report()
         effects_text, effects_plain = end_effects(effects)

@@ -102,8 +102,8 @@ class Answers(table.Tabular):
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
         rows = [row.fields() for row in self.rows]
-        table = {column: [row.get(column) for row in rows] for column in columns_of(self.task)}
-        return {column: x for column, x in table.items() if not is_optional(column) or set(x) != {None}}
+        columns = {name: [row.get(name) for row in rows] for name in columns_of(self.task)}
+        return {name: x for name, x in columns.items() if not is_optional(name) or set(x) != {None}}
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The rows as a pandas DataFrame; as in the file, but columns with units end in them.
@@ -593,7 +593,8 @@ def _end(row: AnswerRow) -> float:
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
     expected, columns = side_car.columns, table.parse(os.fspath(path), content).columns
-    if columns == tuple(x for x in expected if x in columns or not is_optional(x)):
+    needed = {"boundary", "reached"}  # no version wrote such a task without
+    if columns == tuple(x for x in expected if x in columns or x in needed or not is_optional(x)):
         return columns  # of an earlier version
     pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
     for place, (was, now) in enumerate(pairs, start=1):

@@ -611,13 +611,8 @@ class PsychometricSeat(Seat):
     def __init__(
         self, threshold: Callable[[float], float], *, slope: float = 1.25, lapse: float = LAPSE, seed: int, name: str
     ) -> None:  # fmt: skip
-        self._threshold, self._slope, self._lapse, self._seed, self._name = (
-            threshold,
-            slope,
-            lapse,
-            seed,
-            name,
-        )
+        self._threshold, self._slope, self._lapse = threshold, slope, lapse
+        self._seed, self._name = seed, name
 
     def ask(
         self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]

@@ -305,8 +305,8 @@ class SensitivityFunction(Tabular):
             bends = [2.0 * line[2] for line in parabolas.values()]
             curvature = GroupMean.of(bends, 4.0 * errors[:, 2, :, 2], level)
         if all(row.force for row in used):
-            beside, errors, _, _, told = _regression(used, center, 1, force=True)
-            if told >= sessions:
+            beside, errors, _, _, sessions_beside = _regression(used, center, 1, force=True)
+            if sessions_beside >= sessions:
                 equal = GroupMean.of([line[1] for line in beside.values()], errors[:, 1, :, 1], level)
         return cls(
             parameter, name or parameter, tuple(used), tuple(row for row in rows if row not in used), center, lines,

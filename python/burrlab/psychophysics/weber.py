@@ -541,7 +541,7 @@ def _regression(
             return {}, np.zeros((0, 0, 0, 0)), 0, 1.0, 0
         return _regression([replace(row, session="") for row in rows], center, degree, force=force)
     weighted = np.log([row.fraction for row in rows]) * weights
-    coefficients = np.linalg.lstsq(matrix, weighted)[0]
+    coefficients = np.linalg.lstsq(matrix, weighted, rcond=None)[0]
     freedom, misfit = len(rows) - matrix.shape[1], matrix @ coefficients - weighted
     variance = max(float(misfit @ misfit) / freedom, _LEAST) if freedom else 1.0
     size, shape = own.shape[1], design.shape[1:]

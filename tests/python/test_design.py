@@ -25,7 +25,7 @@ from burrlab import (
     synthetic_curve,
     synthetic_indentation,
 )
-from burrlab.planning.region import RegionGrid
+from burrlab.planning.region import RegionGrid, SharedOffsets
 
 mpl.use("Agg")
 
@@ -93,6 +93,23 @@ class TestOracle:
         assert expected < 0.95
         assert found == pytest.approx(expected, rel=0.02)
 
+    @pytest.mark.parametrize("options", [{"uncertain": {"force": 0.02}}, {"estimate": ("force",)}])
+    def test_new_data_share_an_offset(self, narrow, options):
+        """As above, with the offset as a third parameter, by the joint information of the old and the new rows."""
+        before = fit(narrow.data[0], **options)
+        model = before.likelihood.equations
+        old = model.C + np.diag(np.append(1 / model.variance[:-2], [0, 0]))
+        for force in (0.3, 3.0):
+            found = design(before, force, 3.0, 32, scatter=0.01).best.area_ratio
+            slope = -MasterCurve("parabolic").local_slope(force / (9 * before.c_e))
+            J = np.array([-slope / force, slope, 1.0])  # at one c_e and alpha, v depends on F/c_e
+            new = old + 32 / 0.01**2 * np.outer(J, J)
+            expected = np.sqrt(
+                np.linalg.det(np.linalg.inv(new)[1:, 1:] @ np.linalg.inv(np.linalg.inv(old)[1:, 1:]))
+            )
+            assert expected < 0.97
+            assert found == pytest.approx(expected, rel=0.04)
+
     @pytest.mark.parametrize("name", ["ridge", "across"])
     def test_a_finer_grid_says_the_same(self, name, request, monkeypatch):
         given = request.getfixturevalue(name), [0.4, 1.0, 4.0], 3.0, 5
@@ -115,10 +132,13 @@ def area(result, end=None):
     return scipy.integrate.trapezoid(np.interp(even, x, np.log(region.upper / region.lower)), even)
 
 
-def simulated(before, result, candidate):
-    """log(area ratio), and whether c_e is identified, for new data made at each truth and fitted."""
-    grid = RegionGrid.of(before)
-    old, made = area(before), []
+def simulated(before, result, candidate, **options):
+    """log(area ratio), and whether c_e is identified, for new data made at each truth and fitted.
+
+    With an uncertain force, its offset is drawn as the old data leave it at the truth.
+    """
+    grid, random = RegionGrid.of(before), np.random.default_rng(1)
+    offsets, old, made = SharedOffsets(before, grid), area(before), []
     for k, (i, j) in enumerate(
         zip(*grid.truths(result.truths, np.random.default_rng(result.seed)), strict=True)
     ):
@@ -126,13 +146,15 @@ def simulated(before, result, candidate):
         make, at, scatter = synthetic_indentation, candidate.depth, result.static_scatter
         if candidate.kind == "velocity":
             make, at, scatter = synthetic_curve, candidate.force, result.scatter
-        material = Material("truth", c_e=c_e, alpha=alpha)
-        again = fit(
-            [
-                *before.data,
-                make(Burr(candidate.radius), material, [at], scatter=scatter, repeats=candidate.n, seed=k),
-            ]
-        )
+        material, u = Material("truth", c_e=c_e, alpha=alpha), 0.0
+        if options:
+            u = random.normal(offsets.mean[i, j, 0], offsets.covariance[i, 0, 0] ** 0.5)
+            at += u * (candidate.kind == "velocity")
+        new = make(Burr(candidate.radius), material, [at], scatter=scatter, repeats=candidate.n, seed=k)
+        sets = [*before.data, replace(new, force=new.force - u)]
+        if options:
+            sets = [replace(rows, groups={"rig": ["one"] * len(rows)}) for rows in sets]
+        again = fit(sets, **options)
         made.append((np.log(area(again, result.c_e_end) / old), again.separately_identified))
     return np.array(made).T
 
@@ -159,6 +181,16 @@ class TestSimulation:
         foretold = np.array([one.area_ratio for one in result.rows])
         for i in range(len(found) - 1):
             assert (np.array(found)[foretold > 1.15 * foretold[i]] > found[i]).all()
+
+    @pytest.mark.slow
+    def test_it_comes_true_with_an_offset(self):
+        before = fit(ACROSS, uncertain={"force": 0.05})
+        for one in (result := design(before, [0.3, 3.0], 3.0, 6, static=[0.3], truths=48, seed=0)).rows:
+            log_ratio, _ = simulated(before, result, one, uncertain={"force": (0.05, "rig")})
+            print(
+                f"{one.kind} {one.force or one.depth}: foretold {one.area_ratio:.2f}, found {np.exp(log_ratio.mean()):.2f}"
+            )
+            assert abs(log_ratio.mean() - np.log(one.area_ratio)) < 0.10 + 4.9 * 0.5 / np.sqrt(result.truths)
 
 
 class TestOverloaded:
@@ -326,6 +358,8 @@ def test_fits_that_do_not_serve(ridge):
         (lambda: design(replace(ridge, evidence=None), 0.5, 3.0, 3), "this fit gave nothing to judge by"),
     )
     both = fit([ON_RIDGE, synthetic_curve(Burr(1.5), BONE, [0.2, 0.4], seed=1)])
+    two = fit([ACROSS, ACROSS], share=("c_e",))
+    refused((lambda: design(two, 0.5, 3.0, 3), "a design needs a fit of one c_e and one alpha: whose would"))
     with pytest.raises(ValueError, match="static_radius must be given: the data of the fit are of several"):
         design(both, [], [], 3, static=0.2)
     assert design(both, [], [], 3, static=0.2, static_radius=1.5).best.radius == 1.5

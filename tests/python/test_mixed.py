@@ -708,7 +708,6 @@ SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=
         (lambda: burrlab.fit([curve(specimen="a"), curve()]), ValueError, "data set 2 has no specimen, which others have"),
         (lambda: burrlab.fit(curve(specimen=[1, 2, 2], groups={"day": [3, 4, 4]})), ValueError,
          "specimen and day cannot be told apart: each specimen has one day"),
-        (lambda: burrlab.design(burrlab.fit(curve(), estimate=("order",)), [1.0], [3.0], 1), ValueError, "a design needs a fit without offsets"),
         (lambda: burrlab.fit(laboratory(1, 3)).influence_by("specimen"), ValueError, r"group must be one with effects, \['day'\]"),
         (lambda: burrlab.fit(curve(), uncertain={"farce": 1.0}), ValueError, "uncertain may hold force, surface, radius: got 'farce'; did"),
         (lambda: burrlab.fit(curve(), uncertain={"force": -1.0}), ValueError, r"uncertain of force must be a standard deviation above 0 \[N\]"),

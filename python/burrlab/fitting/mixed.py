@@ -198,9 +198,9 @@ class MixedLikelihood(Likelihood):
         for component, block in zip(self.components, model.blocks, strict=True):
             if component.sought and component.quantity == "alpha":
                 self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
-        self._parts = self._nodes(plain, model) or [
-            _Part(plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts)
-        ]
+        variance = self.equations.variance[:-2]
+        self._whole = _Part(plain, model.slopes, shifts, variance, np.eye(len(shifts)), 0.0, shifts)
+        self._parts = self._nodes(plain, model) or [self._whole]
         if len(self._parts) > 1:  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
@@ -275,8 +275,39 @@ class MixedLikelihood(Likelihood):
             stiffness, A.T, np.where(np.isfinite(B), B, 1.0).T, np.where(np.isfinite(m), m, 0.0).T, self.n
         )
 
+    def effects_given(self, c_e: Floats, log_alpha: Floats, columns: Rows) -> tuple[Floats, Floats]:
+        """Means and covariances of some effects at points (c_e, alpha), given the rows, linear about the best offsets.
+
+        Parameters
+        ----------
+        c_e : ndarray, shape (m,)
+        log_alpha : ndarray, shape (m, a)
+        columns : ndarray of int, shape (k,)
+            Of all levels of all components.
+
+        Returns
+        -------
+        ndarray, shape (m, a, k), and ndarray, shape (m, k, k)
+        """
+        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole)
+        mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
+        return np.nan_to_num(mean), inner[:, columns][..., columns]
+
     def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[Floats, Floats, Floats, Floats]:
         """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution."""
+        rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part)
+        drawn = (inner @ jZ[..., None])[..., 0]
+        rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
+        rj -= np.sum(drawn * rZ, axis=-1)
+        B = jj - np.sum(drawn * jZ, axis=-1)
+        m = -rj / B
+        return rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
+
+    def _products(
+        self, stiffness: Floats, part: "_Part"
+    ) -> tuple[Floats, Floats, float, Floats, Floats, Floats, Floats]:
+        """Products of residuals r at alpha = 1, their derivative j by log alpha and the effects' columns Z: rr, rj,
+        jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
         equations, model = self.equations, self.linear
         residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
         varying = {
@@ -302,13 +333,7 @@ class MixedLikelihood(Likelihood):
             rZ += np.matmul(r[:, None, :], Z)[:, 0] / s2
             jZ += j @ Z / s2
         products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
-        inner, H = equations.inverse(np.arange(n_effects), products, part.variance)
-        drawn = (inner @ jZ[..., None])[..., 0]
-        rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
-        rj -= np.sum(drawn * rZ, axis=-1)
-        B = jj - np.sum(drawn * jZ, axis=-1)
-        m = -rj / B
-        return rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
+        return rr, rj, jj, rZ, jZ, *equations.inverse(np.arange(n_effects), products, part.variance)
 
     @property
     def kinks(self) -> Floats:

@@ -427,9 +427,12 @@ def coverage_study(
     store: StorePath | None = None,
     progress: Progress | None = None,
 ) -> Coverage:
-    """Fits to synthetic data sets of an experiment, and how often their intervals hold the truth.
+    r"""Fits to synthetic data sets of an experiment, and how often their intervals hold the truth.
 
-        v = alpha R Psi(F/(c_e R^2)) exp(scatter z),   F_static = c_e R^2 (h/R)^(3/2) exp(static_scatter z)
+    .. math::
+
+       v = \alpha R\, \Psi(F/(c_e R^2))\, e^{\text{scatter}\, z}, \qquad
+       F_\text{static} = c_e R^2 (h/R)^{3/2}\, e^{\text{static scatter}\, z}
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
-from burrlab.planning.region import NewData, NewRegion, RegionGrid
-from burrlab.theory.continuum import WINDOW_STOP, MasterCurve
+from burrlab.planning.region import NewData, NewRegion, RegionGrid, SharedOffsets
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, MasterCurve
 
 _SHOWN = 8  # rows of the repr
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's palette
@@ -114,10 +115,10 @@ class Design:
 
     @drawing
     def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
-        """Area ratio over force, one line per radius; static candidates as one dashed line.
+        """Area ratio over force, one line per radius; static candidates as dashed lines.
 
-        Static candidates share a line because their depth does not matter. A hollow mark is a run that is
-        more likely overloaded than not.
+        Static candidates share a line, as their depth does not matter, unless the fit has offsets. A hollow mark
+        is a run that is more likely overloaded than not.
 
         Parameters
         ----------
@@ -148,11 +149,9 @@ class Design:
             ax.plot(
                 [], [], "o", color=REFERENCE, mfc="white", mew=1.0, ms=4.5, label="more likely overloaded"
             )
-        static = [candidate for candidate in self.rows if candidate.force is None]
-        if static:
-            ax.axhline(
-                static[0].area_ratio, color=REFERENCE, linewidth=1.2, linestyle="--", label="static pairs"
-            )
+        for i, area in enumerate(sorted({row.area_ratio for row in self.rows if row.force is None})):
+            text = None if i else "static pairs"
+            ax.axhline(area, color=REFERENCE, linewidth=1.2, linestyle="--", label=text)
         ax.axhline(1.0, color=REFERENCE, linewidth=0.8, linestyle=":")
         top = max(candidate.area_ratio for candidate in self.rows)
         ax.set(
@@ -213,11 +212,13 @@ def design(
     seed: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
-    """Rank candidates for the next measurement by how far they shrink the joint region of c_e and alpha.
+    r"""Rank candidates for the next measurement by how far they shrink the joint region of c_e and alpha.
 
-        area ratio = exp <log(area of the new 95 % region / area of the old one)>
+    .. math::
 
-    in (log c_e, log alpha), the mean over parameters that agree with the data measured so far.
+       \text{area ratio} = \exp \left\langle \ln \frac{A_\text{new}}{A_\text{old}} \right\rangle
+
+    with the areas A of the 95 % region in (log c_e, log alpha), the mean over parameters that agree with the data measured so far.
 
     Parameters
     ----------
@@ -269,12 +270,18 @@ def design(
     each truth the candidate has its expected outcome: a velocity by the scaling law (whatever the engine of
     the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
 
-        -2 log L_new(theta) = -2 log L(theta) + n (mu(theta) - mu(truth))^2/scatter^2,
+    .. math::
+
+       -2 \ln L_\text{new}(\theta) = -2 \ln L(\theta) + n\, (\mu(\theta) - \mu(\text{truth}))^2/\text{scatter}^2
 
     where mu is the log of the outcome. A window bounds c_e from below, an overloaded run from above. The
     region keeps its limit: what more data say about the scatter is left out. The first static pairs have a
     scatter of their own, estimated from the n alone, and its limit. After a fit with days or specimens the new data are
-    of a new one, whose mean differs by the standard deviations of the fit.
+    of a new one, whose mean differs by the standard deviations of the fit. After a fit with offsets the new data
+    share them: given c_e and alpha, an offset has the mean and variance that the old rows leave, and both enter
+    the expected outcome, linear about the offsets of the fit. So a candidate may rank high because it tells an
+    offset. An offset by day or data set is drawn anew, as is the radius of another burr; a drift with the order
+    goes on from the last run.
 
     In simulations with new fits, up to a third more rows after 12 or more give this area within 10 %. More
     new rows, or fewer old ones, give a smaller area: 10 after 4 give two thirds of it. The order of
@@ -283,7 +290,7 @@ def design(
     that the old data set by chance. The Fisher information at the fit would not serve: the region may be
     open, and the model has a kink at phi = 0.068.
 
-    With log-normal scatter a static pair says the same about c_e at any depth and radius.
+    With log-normal scatter, and without offsets, a static pair says the same about c_e at any depth and radius.
 
     References
     ----------
@@ -322,8 +329,8 @@ def design(
     report_progress, total = counter(progress, "candidates"), len(radius) * len(force) + len(depth)
 
     grid = RegionGrid.of(fit)
+    offsets = SharedOffsets(fit, grid)
     truth = grid.truths(truths, np.random.default_rng(seed))
-    c_e = np.exp(grid.log_c_e)
     law, curve = fit.law, MasterCurve(fit.shape)
     candidates = []
     between = {
@@ -332,20 +339,29 @@ def design(
     }
     for R in radius.tolist():
         for F in force.tolist():
-            log_unit = np.log(law.velocity(F, c_e, 1.0, R))
             phi = law.master_phi(F / (fit.c_e * R**2))
             slope = law.stretch * float(np.nan_to_num(curve.local_slope(phi)))  # of ln v by ln c_e, negated
-            new = NewData(n, scatter, between=(between["alpha"] + slope**2 * between["c_e"]) ** 0.5)
-            ceiling = F / (R**2 * WINDOW_STOP**law.force_exponent)
-            after, overloaded = _expected(grid, truth, log_unit[:, None] + grid.log_alpha, new, ceiling)
+            others = (
+                () if R in fit.observations.radius else ("radius",)
+            )  # another burr has a radius of its own
+            log_velocity, offset2 = offsets.outcome(partial(_log_velocity, fit, grid, F, R), new=others)
+            new = NewData(n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2)
+            after, overloaded = _expected(grid, truth, log_velocity, new, _ceiling(fit, F, R, offsets.values))
             candidate = _candidate(grid, after, overloaded, n, R, force=F)
             candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n, scatter)))
             report_progress(len(candidates), total)
     if len(depth):
-        pairs = NewData(n, static_scatter, own=first, between=between["c_e"] ** 0.5)
-        after, _ = _expected(grid, truth, grid.log_c_e[:, None], pairs, 0.0)
-        candidates += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
-        report_progress(total, total)
+        others = () if static_radius in fit.observations.radius else ("radius",)
+        # without offsets, depth does not matter
+        for h in depth.tolist():
+            if h == depth[0] or offsets.deviations:
+                log_force, offset2 = offsets.outcome(
+                    partial(_log_force, fit, grid, h, static_radius), new=others
+                )
+                pairs = NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2)
+                after, _ = _expected(grid, truth, log_force, pairs, 0.0)
+            candidates.append(_candidate(grid, after, 0.0, n, static_radius, depth=h))
+            report_progress(len(candidates), total)
     return Design(
         rows=tuple(
             sorted(candidates, key=lambda candidate: (-(candidate.parting or 0.0), candidate.area_ratio))
@@ -381,6 +397,40 @@ def _parting(
     return rise_of(
         fit.observations, (fit.law, against.law), (force, velocity, radius), n, max(scatter, MODEL_ERROR)
     )
+
+
+def _log_velocity(
+    fit: Fit, grid: RegionGrid, force: float, radius: float, offsets: Mapping[str, float]
+) -> Floats:
+    """ln v over the default window at each point of the grid, with offsets of what is measured, after the last run."""
+    F, w = force + offsets.get("force", 0.0), offsets.get("surface", 0.0)
+    R = radius + offsets.get("radius", 0.0)
+    if not (F > 0.0 and 0.0 <= WINDOW_START * radius + w < WINDOW_STOP * radius + w <= R):
+        return np.full(grid.log_alpha.shape, np.nan)
+    window = ((part * radius + w) / R for part in (WINDOW_START, WINDOW_STOP)) if offsets else ()
+    unit = np.log(fit.law.velocity(F, np.exp(grid.log_c_e), 1.0, R, *window))
+    return np.asarray(unit[:, None] + grid.log_alpha + offsets.get("order", 0.0) / 2)
+
+
+def _ceiling(fit: Fit, force: float, radius: float, offsets: Mapping[str, float]) -> float:
+    """c_e [N/mm^2] up to which static contact passes the end of the default window."""
+    F, R = force + offsets.get("force", 0.0), radius + offsets.get("radius", 0.0)
+    end = (WINDOW_STOP * radius + offsets.get("surface", 0.0)) / R
+    return float(F / (R**2 * end**fit.law.force_exponent))
+
+
+def _log_force(
+    fit: Fit, grid: RegionGrid, depth: float, radius: float, offsets: Mapping[str, float]
+) -> Floats:
+    """ln of the measured force of a pair over its force at c_e = 1 N/mm^2 without offsets, at each c_e of the grid."""
+    R, h, q = radius + offsets.get("radius", 0.0), depth + offsets.get("surface", 0.0), fit.law.force_exponent
+    unit = radius**2 * (depth / radius) ** q
+    if not (h > 0.0 and R > 0.0):
+        return np.full((len(grid.log_c_e), 1), np.nan)
+    less = offsets.get("force", 0.0) / (unit * np.exp(grid.log_c_e))
+    with np.errstate(invalid="ignore"):
+        change = np.log(R ** (2 - q) * h**q / unit - less) if offsets else 0.0
+    return np.asarray(grid.log_c_e + change)[:, None]
 
 
 def _expected(

@@ -1,5 +1,6 @@
 """The likelihood of a fit on a grid over its joint region, and the region that new data would leave."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from burrlab.common.check import refuse
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.likelihood import MODEL_ERROR
+from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
 from burrlab.fitting.record import FitRecord
@@ -37,7 +40,8 @@ class NewData:
     n: int
     scatter: float
     own: bool = False  #: no other data share the scatter, which is estimated from the n alone
-    between: float = 0.0  #: standard deviation of their mean, as they are of a new day or specimen
+    #: variance of their mean, as they are of a new day or specimen, or share an offset that is not quite known
+    between2: Floats | float = 0.0
 
     def rise(self, d: Floats) -> Floats:
         """The rise of -2 log L for a prediction that is off by d; overwrites d.
@@ -46,11 +50,15 @@ class NewData:
         judged as by `Likelihood`.
         """
         d *= d
-        if not self.own:
-            d *= self.n / (self.scatter**2 + self.n * self.between**2)
-            return d
-        d /= (self.n - 1) / self.n * self.scatter**2 + MODEL_ERROR**2
-        return self.n * np.log1p(d, out=d)
+        wider = 1.0 + self.n * self.between2 / self.scatter**2
+        d /= wider
+        if self.own:
+            d /= (self.n - 1) / self.n * self.scatter**2 + MODEL_ERROR**2
+            np.log1p(d, out=d)
+        d *= self.n if self.own else self.n / self.scatter**2
+        if not isinstance(self.between2, float):
+            d += np.log(wider)
+        return d
 
     def limits(self, old: AnyCalibration) -> RiseLimits:
         """Limits of the fit with these data, which are of c_e alone; a scatter of their own changes them."""
@@ -69,6 +77,68 @@ class NewData:
                 old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
             )
         )
+
+
+class SharedOffsets:
+    """What a fit's data tell, at each point of a grid, of the offsets that new data would share.
+
+    They share an offset of all data. One by day or data set is another in new data, as is the radius of another burr.
+
+    Parameters
+    ----------
+    fit : FitRecord
+    grid : RegionGrid
+    """
+
+    def __init__(self, fit: FitRecord, grid: "RegionGrid") -> None:
+        self.values: dict[
+            str, float
+        ] = {}  #: of the shared ones at the fit [N], [mm], and their standard errors
+        self.errors: dict[str, float] = {}
+        self.deviations: dict[str, float] = {}  #: of all, in new data: standard deviations [N], [mm]
+        columns, likelihood = [], fit.likelihood
+        if isinstance(likelihood, MixedLikelihood):
+            for x, component, block in zip(
+                fit.effects, likelihood.components, likelihood.linear.blocks, strict=True
+            ):
+                if x.quantity in (*OFFSETS, "order"):
+                    self.deviations[x.quantity] = component.deviation or 0.0
+                    if len(x.levels) == 1:
+                        self.values[x.quantity], self.errors[x.quantity] = x.values[0], x.errors[0]
+                        columns.append(block.start)
+        if columns:
+            assert isinstance(likelihood, MixedLikelihood)
+            self.mean, self.covariance = likelihood.effects_given(
+                np.exp(grid.log_c_e), grid.log_alpha, np.array(columns)
+            )
+
+    def outcome(
+        self, log_outcome: Callable[[Mapping[str, float]], Floats], *, new: Sequence[str] = ()
+    ) -> tuple[Floats, Floats | float]:
+        """An outcome's mean over the offsets and its variance by them, at each point of the grid.
+
+        `log_outcome` gives its logarithm at given offsets, shape (m, a) or (m, 1). It is linear about the
+        offsets of the fit. `new`: shared ones that are others in the new data.
+        """
+        known = {name: 0.0 if name in new else value for name, value in self.values.items()}
+        middle = log_outcome(known)
+        variance: Floats = np.zeros((1, 1))
+        mean, slopes = middle, []
+        for name, deviation in self.deviations.items():
+            shared = name in self.values and name not in new
+            step = self.errors[name] if shared else deviation
+            up, down = (log_outcome(known | {name: known.get(name, 0.0) + by}) for by in (step, -step))
+            lost = np.isnan(up) | np.isnan(down)  # a window ends there: from one side
+            change = np.where(np.isnan(up), middle, up) - np.where(np.isnan(down), middle, down)
+            slope = change / (step * np.where(lost, 1.0, 2.0))
+            variance = variance + (0.0 if shared else (deviation * slope) ** 2)
+            if name in self.values:
+                slopes.append(slope * shared)
+        for k, (slope, value) in enumerate(zip(slopes, self.values.values(), strict=True)):
+            mean = mean + slope * (self.mean[..., k] - value)
+            for other, column in enumerate(slopes):
+                variance = variance + slope * column * self.covariance[:, k, other, None]
+        return mean, np.nan_to_num(variance) if self.deviations else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +171,8 @@ class RegionGrid:
         """The grid of a fit, up to the upper bound of its search where the region is open."""
         calibration = fit._evidence().calibration
         refuse(
-            any(x.interval is None for x in fit.effects),
-            "a design needs a fit without offsets and of one alpha: new velocities would share them",
+            any(x.quantity in ("c_e", "alpha") and x.interval is None for x in fit.effects),
+            "a design needs a fit of one c_e and one alpha: whose would new data share?",
         )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
         domain = Domain.of(

@@ -23,6 +23,7 @@ from xml.etree.ElementTree import Element as Node
 
 from docutils import nodes
 from docutils.nodes import Element
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
@@ -57,7 +58,8 @@ nitpick_ignore_regex = [
 ]
 default_role = "autolink"  # a name in backticks is a link if burrlab has it
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+html_math_renderer = "mathml"  # the browser sets equations itself, also without a network
 nb_execution_mode = "off"  # `make test` executes the notebooks; the site shows what they stored
 autosummary_generate = False
 autodoc_default_options = {"members": True, "inherited-members": "object, tuple"}
@@ -334,6 +336,13 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"][1:])
 
 
+def set_formula(translator: object, node: Element) -> None:
+    """Writes an equation as MathML: within a line, or on lines of its own."""
+    display = "block" if isinstance(node, nodes.math_block) else "inline"
+    translator.body.append(convert(node.astext(), display=display))
+    raise nodes.SkipNode
+
+
 def check_names(app: Sphinx, env: object) -> None:
     """Every public name is described."""
     domain = env.domains.python_domain
@@ -347,6 +356,7 @@ def lead_in(app: Sphinx, exception: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> None:
+    app.add_html_math_renderer("mathml", (set_formula, None), (set_formula, None))
     write_reference(DOCS / "reference")
     if shutil.which("doxygen"):
         write_headers(DOCS / "reference")

@@ -13,7 +13,11 @@ void bind_force(py::module_& m) {
       "bone"_a, "burr"_a, "center"_a, py::kw_only(), "scheme"_a = "layer",
       R"(First two moments of the bone inside the burr, Eq. 1.
 
-m_0 = sum over B of (rho/rho_0) dV, m_1 = sum of (rho/rho_0) r dV, r from the burr's centre.
+.. math::
+
+   m_0 = \sum_B \frac{\rho}{\rho_0}\, dV, \qquad \mathbf m_1 = \sum_B \frac{\rho}{\rho_0}\, \mathbf r\, dV,
+
+with r from the burr's centre.
 
 Parameters
 ----------
@@ -44,7 +48,11 @@ our decision: with a test of centres the force jumps as the burr moves.
   m.def("penetration", &penetration, "m0"_a, "radius"_a,
         R"(Effective penetration depth h, Eq. 2.
 
-u = h/R is the smallest positive root of u^2 (1 - u/3) = m_0/(pi R^3), the right side clamped to 4/3.
+.. math::
+
+   u^2 \left(1 - \frac u3\right) = \frac{m_0}{\pi R^3}, \qquad u = h/R,
+
+the smallest positive root; the right side is clamped to 4/3.
 
 Parameters
 ----------
@@ -75,7 +83,11 @@ Examples
         return elastic_force({m0, m1}, radius, c_e, force_exponent).force;
       },
       "m0"_a, "m1"_a, py::kw_only(), "radius"_a, "c_e"_a, "force_exponent"_a = Material::paper_force_exponent,
-      R"(Elastic force F = c_e R^2 (h/R)^q n, Eq. 3.
+      R"(Elastic force, Eq. 3.
+
+.. math::
+
+   \mathbf F = c_e R^2 (h/R)^q\, \mathbf n
 
 Parameters
 ----------
@@ -116,8 +128,13 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: the force fades where its directio
       "scheme"_a = "layer",
       R"(Erodes the bone inside the burr for one tick, Eq. 4.
 
-A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha (F/1 N)^m f dt)) on average: floor(lambda)
-levels, and one more with probability frac(lambda). F is the force at `center` before fading.
+A mass of M levels that erodes at f loses
+
+.. math::
+
+   \lambda = M \left(1 - e^{-\alpha\, (F/1\,\mathrm N)^m f\, dt}\right)
+
+on average: floor(lambda) levels, and one more with probability frac(lambda). F is the force at `center` before fading.
 
 Parameters
 ----------

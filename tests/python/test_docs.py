@@ -139,3 +139,4 @@ def test_the_version_is_that_of_pyproject():
 def test_links(page: Path) -> None:
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", TEXTS[page.name])
     assert not [link for link in links if not (page.parent / link).is_file()]
+    assert not re.findall("^%.*", TEXTS[page.name], re.MULTILINE)  # a comment to the site

@@ -29,11 +29,13 @@ LAYERS = 16
 @stored_as("burrlab.bone_field.BoneField")
 @dataclass(frozen=True)
 class BoneField:
-    """Bone whose occupancy varies from place to place.
+    r"""Bone whose occupancy varies from place to place.
 
     With g a stationary Gaussian field of mean 0, variance 1 and correlation
 
-        E[g(x) g(x + d)] = exp(-d^2/(2 L^2)),
+    .. math::
+
+       E[g(x)\, g(x + d)] = e^{-d^2/(2 L^2)},
 
     the occupancy is B^-1(Phi(g)). Phi is the normal distribution function, B^-1 the quantile function of the
     beta distribution with the given mean and standard deviation.

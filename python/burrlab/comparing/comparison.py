@@ -263,7 +263,7 @@ def compare(
     names: Sequence[str] | None = None,
     shared: Sequence[str] = (),
 ) -> Comparison:
-    """Whether the data of two or more fits are of one material.
+    r"""Whether the data of two or more fits are of one material.
 
     Parameters
     ----------
@@ -292,7 +292,9 @@ def compare(
     Each set keeps its own scatter, as in Welch's test. Along a quantity g the profile of each set becomes a
     squared t by the limits of its fit. The statistic of a difference d is the lowest sum of both,
 
-        T(d) = min over g of t_A^2(g) + t_B^2(g + d),
+    .. math::
+
+       T(d) = \min_g \left[t_A^2(g) + t_B^2(g + d)\right]
 
     the square of Welch's t for a linear model. It is judged by F(1, nu), nu by Welch and Satterthwaite from
     the half widths at t = 1. The joint test is the same for both parameters, F(2, nu).

@@ -323,9 +323,11 @@ class VelocityCurve(TableData):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Indentation(TableData):
-    """Force against depth of a stopped burr in intact bone, one row a reading.
+    r"""Force against depth of a stopped burr in intact bone, one row a reading.
 
-        F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
+    .. math::
+
+       F = c_e R^2 (h/R)^{3/2} \qquad \text{(Eqs. 2 and 3)}
 
     Nothing erodes, so the rows determine c_e alone. Under a flat surface the penetration depth h of Eq. 2 is
     the depth of the burr's tip. Arrays are read-only copies.

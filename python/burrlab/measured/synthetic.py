@@ -26,9 +26,11 @@ def synthetic_curve(
     scatter: float = 0.08,
     seed: int | None = None,
 ) -> VelocityCurve:
-    """A velocity-force curve from the mean-field engine with log-normal scatter.
+    r"""A velocity-force curve from the mean-field engine with log-normal scatter.
 
-        v = v_mean_field(F) exp(scatter z),  z standard normal
+    .. math::
+
+       v = v_\text{mean field}(F)\, e^{\text{scatter}\, z}, \qquad z \sim N(0, 1)
 
     Parameters
     ----------
@@ -88,9 +90,11 @@ def synthetic_indentation(
     scatter: float = 0.1,
     seed: int | None = None,
 ) -> Indentation:
-    """Static indentation by Eq. 3 with log-normal scatter of the force.
+    r"""Static indentation by Eq. 3 with log-normal scatter of the force.
 
-        F = c_e R^2 (h/R)^(3/2) exp(scatter z),  z standard normal
+    .. math::
+
+       F = c_e R^2 (h/R)^{3/2}\, e^{\text{scatter}\, z}, \qquad z \sim N(0, 1)
 
     Parameters
     ----------
@@ -151,9 +155,12 @@ def synthetic_trace(
     sample_ms: float = 1.0,
     seed: int | None = None,
 ) -> DepthTrace:
-    """A record of a mean-field descent with scatter of its rate, noise of position, and readings in steps.
+    r"""A record of a mean-field descent with scatter of its rate, noise of position, and readings in steps.
 
-        H(t) = step round((H_mean_field(t exp(-run_scatter z)) + noise e(t))/step),  z, e standard normal
+    .. math::
+
+       H(t) = \text{step} \cdot \text{round}\left(\frac{H_\text{mean field}(t\, e^{-\text{run scatter}\, z}) + \text{noise}\, e(t)}
+       {\text{step}}\right), \qquad z, e(t) \sim N(0, 1)
 
     Parameters
     ----------

@@ -344,9 +344,11 @@ def psychometric_function(
     reference: float | None = None,
     level: float = 0.95,
 ) -> PsychometricFit:
-    """Proportion correct of two intervals as a function of the difference between comparison and reference.
+    r"""Proportion correct of two intervals as a function of the difference between comparison and reference.
 
-        P = 1/2 + (1 - lapse)/2 (1 - 2^-((|ln level|/|ln threshold|)^slope))
+    .. math::
+
+       P = \frac12 + \frac{1 - \text{lapse}}{2} \left(1 - 2^{-(\lvert\ln \text{level}\rvert/\lvert\ln \text{threshold}\rvert)^\text{slope}}\right)
 
     P is 1/2 without a difference. Levels with the same |ln level| are pooled: both intervals are rendered
     alike, so a ratio and its inverse differ only in order. Threshold, slope, lapse rate and overdispersion

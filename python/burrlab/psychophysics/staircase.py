@@ -123,13 +123,15 @@ _SMALLEST = 1e-4  # least difference of a level; nobody feels it
 
 @dataclass(frozen=True)
 class Staircase(Staircased):
-    """An n-down 1-up staircase on c_e or alpha.
+    r"""An n-down 1-up staircase on c_e or alpha.
 
     The difference of a level is |ln level|. A step down, after n correct answers in a row, divides it by a
     factor. A step up, after each wrong answer, multiplies it by this factor to the power `up_weight`. The
     level never crosses 1. Steps down and up balance at the proportion correct
 
-        p = (w/(1 + w))^(1/n),    w = up_weight:
+    .. math::
+
+       p = \left(\frac{w}{1 + w}\right)^{1/n}\quad \text{with } w \text{ the up weight:}
 
     with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971); with n = 1 and w = 3, 0.75
     (Kaernbach 1991). `ComparisonDesign` explains what is asked, held and felt.

@@ -286,11 +286,14 @@ def mean_field_descent(
 def thin_layer_velocity(
     burr: Burr, material: Material, force: ArrayLike, immersion: ArrayLike
 ) -> np.float64 | Floats:
-    """Velocity at an immersion for a thin eroding layer: the limit of small forces.
+    r"""Velocity at an immersion for a thin eroding layer: the limit of small forces.
 
     With f = kappa ((R - r)/R)^k + ... near r = R, b = (k + 2)/(k + 1) and u = phi^(1/q),
 
-        v = kappa alpha (F/1 N)^m R/(k + 1) [b u^2 (1 - u/3)/(2 Gamma(b) (1 - (1 - H/R)^b))]^(k + 1),
+    .. math::
+
+       v = \frac{\kappa \alpha\, (F/1\,\mathrm N)^m R}{k + 1} \left[\frac{b\, u^2 (1 - u/3)}
+       {2 \Gamma(b) \left(1 - (1 - H/R)^b\right)}\right]^{k + 1},
 
     so v ~ F^(2(k+1)/q + m): F^(4(k+1)/3) by Eqs. 3 and 4, q = 3/2 and m = 0. k = 1 is the law of a parabolic (kappa = 2) or linear (kappa = 1) f; power(k) has
     kappa = 2^k. For constant f, k = 0, the law is exact.

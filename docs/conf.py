@@ -82,17 +82,15 @@ SECTIONS = {
         *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "devices"),
         *("trace", "network", "view", "web", "effects", "experiment"),
     ],
-    "Reference": [
-        *("reference", "gallery", "glossary", "measured", "tick", "experiment_files", "trace_format", "wire")
-    ],
-    "Explanation": ["paper", "model", "beyond_the_paper", "inference", "psychophysics"],
+    "Reference": ["reference", "gallery", "glossary", "experiment_files"],
+    "Explanation": ["paper", "model", "beyond_the_paper", "psychophysics", "simulated_subject", "stability"],
+    "Inside": ["measured", "inference", "tick", "hierarchy", "trace_format", "wire", "architecture"],
 }
-PLACED = {"index", "releasing"}.union(*SECTIONS.values())
-SECTIONS["Explanation"] += sorted({path.stem for path in DOCS.glob("*.md")} - PLACED)
 SECTIONS["Project"] = sorted(f"/{path.stem}" for path in ROOT.glob("*.md") if path.stem != "README")
 SECTIONS["Project"] += ["releasing", "/tests/golden/psyphy/README"]
 PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
+MAKER = re.compile(r"[Mm]ade by `(?:\w+\.)*(\w+)`")  # what a result's docstring says of itself
 HEADERS = ROOT / "cpp/include"
 HEADER_PAGES: dict[str, str] = {}  # of C++, and the first sentence of each
 NO_DOXYGEN = "The C++ reference is left out, as Doxygen is not installed (apt-get install doxygen)."
@@ -128,7 +126,32 @@ def without_types(signature: str) -> str:
     return f"({ast.unparse(arguments)})"
 
 
-def entry(path: str, found: object) -> str:
+def page_texts() -> dict[str, str]:
+    """The pages of docs/ and the notebooks, the latter as their code."""
+    pages = sorted(
+        path for path in DOCS.glob("*.md") if path.stem not in ("index", "architecture", "glossary")
+    )
+    texts = {f"/docs/{path.stem}": path.read_text(encoding="utf-8") for path in pages}
+    for path in sorted(ROOT.glob("notebooks/*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        texts[f"/notebooks/{path.stem}"] = "\n".join(code)
+    return texts
+
+
+def see_also(path: str, found: object, texts: dict[str, str]) -> str:
+    """Links to the pages that call a name, or what makes it, or have it in backticks, for the end of its own page."""
+    _, *packages, name = path.split(".")
+    if inspect.isclass(found) and (maker := MAKER.search(found.__doc__ or "")):
+        name = rf"(?:{name}|{maker[1]})"
+    way = "".join(rf"(?:{package}\.)?" for package in ("burrlab", *packages))
+    called = re.compile(rf"(?<![\w.]){way}{name}\(|`{way}{name}(?:\(.*?\))?`")
+    pages = [page for page, text in texts.items() if called.search(text)]
+    listing = "".join(f"   * :doc:`{page}`\n" for page in pages)
+    return f"\n.. seealso::\n\n{listing}" if pages else ""
+
+
+def entry(path: str, found: object, texts: dict[str, str]) -> str:
     """The page of one name."""
     kind = "class" if inspect.isclass(found) else "module" if inspect.ismodule(found) else "function"
     kind = kind if callable(found) or kind == "module" else "data"
@@ -136,13 +159,15 @@ def entry(path: str, found: object) -> str:
     signature = without_types(made.removeprefix("__init__")) if made.startswith("__init__(self: ") else ""
     options = "   :no-value:\n" if kind == "data" else ""
     back = path.rpartition(".")[0]
-    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}.. auto{kind}:: {path}{signature}\n{options}"
+    head = f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}"
+    return f"{head}.. auto{kind}:: {path}{signature}\n{options}{see_also(path, found, texts)}"
 
 
 def write_reference(folder: Path) -> None:
     """A page for each package, and for each of its public names; a name of two packages has one page."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
+    texts = page_texts()
     for name in PACKAGES:
         package = importlib.import_module(f"burrlab.{name}".rstrip("."))
         groups: dict[str, list[str]] = {}
@@ -153,7 +178,7 @@ def write_reference(folder: Path) -> None:
             path = PAGES.setdefault(id(found), f"{package.__name__}.{public}")
             if path == f"{package.__name__}.{public}":
                 file = f"{path}_" if public in twins else path  # Fit and fit, on any file system
-                (folder / f"{file}.rst").write_text(entry(path, found), encoding="utf-8")
+                (folder / f"{file}.rst").write_text(entry(path, found, texts), encoding="utf-8")
             home = getattr(found, "__module__", None) or package.__name__
             home = ".".join(home.split(".")[: 3 if name else 2])
             groups.setdefault(home, []).append(public if path.endswith(f"{name}.{public}") else path)
@@ -259,6 +284,9 @@ def write_headers(folder: Path) -> None:
 def short_signature(
     app: Sphinx, what: str, name: str, found: object, options: object, text: str, returns: str
 ):
+    """No types, and no signature of what users do not make themselves."""
+    if inspect.isclass(found) and MAKER.search(found.__doc__ or ""):
+        return "", None
     typed = text is not None and ("typing." in text or "burrlab._core" in text)
     return (without_types(text), None) if typed else None
 

@@ -121,7 +121,7 @@ SHOWN = 5
 
 @dataclass(frozen=True, repr=False, eq=False)
 class AnatomyReport:
-    """Report on burrs near critical structures, and on the tissues removed.
+    """Report on burrs near critical structures, and on the tissues removed. Made by `anatomy_report`.
 
     Attributes
     ----------

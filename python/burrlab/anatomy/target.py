@@ -25,7 +25,7 @@ _COLOURS = ("#009E73", "#E69F00", "#D55E00")
 @by_value
 @dataclass(frozen=True, repr=False)
 class TargetComparison:
-    """Bone removed inside and outside a region, by tissue.
+    """Bone removed inside and outside a region, by tissue. Made by `compare_with_target`.
 
     Attributes
     ----------

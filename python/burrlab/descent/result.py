@@ -45,7 +45,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Descent(Tabular):
-    """A burr's descent at constant force.
+    """A burr's descent at constant force. Made by `descend`.
 
     Attributes
     ----------

@@ -30,67 +30,7 @@ _OPEN = Interval(None, None)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitRecord(InJson):
-    """The data of a fit, what follows from them, and their JSON; `Fit` adds tests and figures.
-
-    Attributes
-    ----------
-    c_e : float
-        Elastic constant [N/mm^2].
-    alpha : float
-        Erosion rate [1/ms]: a number for this `shape`, drill, burr type and speed.
-    shape : Shape
-        Erosion shape function f that alpha belongs to.
-    radius : float or None
-        Burr radius R [mm]; None where the data have several.
-    residual_kind : str
-        ``"relative"``, ``"absolute"`` or ``"sigma"``.
-    residual_norm : float
-        RMS residual: [1] for ``"relative"`` (0.08 is 8 %) and ``"sigma"``, [mm/s] for ``"absolute"``.
-    residuals, predicted : ndarray, shape (n_points,)
-        Residuals, and predicted velocities [mm/s] or (indentations) forces [N], by row used, in the order of
-        the data: usable rows of a curve, the five segments of a trace, pairs of an indentation.
-    chi2_reduced : float or None
-        Chi-square over degrees of freedom; None where a velocity has no sigma.
-    n_points, n_skipped, n_censored : int
-        Rows used, rows without a velocity, and censored ones, which bound c_e from above.
-    status : str
-        ``"ok"``; ``"poor-fit"``: the data contradict the model; ``"implausible"``: no burring gives such
-        data; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
-        ``"disagreement"``: searches ended equally well at different parameters; ``"not-converged"``.
-    reason : str
-        The status in one sentence.
-    starts : tuple of Start
-        Every search, the walk first: begin, end, objective (sum of squared residuals), nlopt's result,
-        evaluations.
-    bounds : dict
-        Bounds of ``c_e`` and ``alpha`` in the search.
-    given_bounds : tuple of str
-        Names of given bounds.
-    evidence : Evidence or None
-        Profiles, regions, information, scatters; None where nothing could be fitted.
-    lack_of_fit : HypothesisTest or None
-        Whether the model misses the means of repeats; None without repeats.
-    fall : HypothesisTest or None
-        Whether velocity falls with depth as the model says; None without traces.
-    engine : str
-        ``"mean-field"`` or ``"voxel"``.
-    table : VoxelTable or None
-        Voxel engine: its predictions over c_e.
-    seed : int
-        Seed of the voxel engine's descents.
-    evaluations : int
-        Evaluations of the objective, in all searches.
-    seconds : float
-        Duration of the fit [s].
-    record : tuple
-        Voxel engine: (c_e, alpha) of every point that descents were made at; empty otherwise.
-    data : tuple
-        The data sets.
-    provenance : dict
-        Package version, parameters and platform.
-    force_exponent, rate_exponent : float
-        Exponents of the law, 3/2 and 0 in the paper's.
-    """
+    """The data of a fit, what follows from them, and their JSON; `Fit` describes them, and adds tests and figures."""
 
     c_e: float
     alpha: float

@@ -254,7 +254,7 @@ def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> N
 
 @dataclass(frozen=True, repr=False, eq=False)
 class DrillingRecording:
-    """A session as volumetric_drilling recorded it. What the file does not hold is None.
+    """A session as volumetric_drilling recorded it. Made by `read_volumetric_drilling`; what the file lacks is None.
 
     Times are since the file's first time stamp of any kind [s]. Whether the drill turned, and when it met bone, is
     not recorded.

@@ -17,7 +17,7 @@ from burrlab.common.progress import doing
 
 @dataclass(frozen=True, repr=False, eq=False)
 class VrpnLog:
-    """A log of VRPN: tables by the sender's name, structured arrays with a row for each message, in the file's order.
+    """A log of VRPN: structured arrays by the sender's name, a row a message. Made by `read_vrpn_log`.
 
     The column `time` is the message's time stamp, since `started` [s].
 

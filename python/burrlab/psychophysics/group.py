@@ -378,7 +378,7 @@ GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0,
 
 @dataclass(frozen=True)
 class GroupDPrime:
-    """A group's d' by one rule.
+    """A group's d' by one rule. Made by `group_d_prime`.
 
     Attributes
     ----------
@@ -552,7 +552,7 @@ def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: f
 
 @dataclass(frozen=True)
 class GroupScore:
-    """Mean score of a group, and tests of whether it is above chance.
+    """Mean score of a group, and tests of whether it is above chance. Made by `group_score`.
 
     Attributes
     ----------

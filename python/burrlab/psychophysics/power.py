@@ -74,7 +74,7 @@ _DELTA_HALVINGS = 12  # of the range 0 to 20: steps of 0.005
 
 @dataclass(frozen=True)
 class Equivalence:
-    """The outcome of a one-sided test of d' >= Delta.
+    """The outcome of a one-sided test of d' >= Delta. Made by `equivalence`.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class EquivalenceRow:
 
 @dataclass(frozen=True)
 class DesignPower:
-    """The power of a design; prints as a small table.
+    """The power of a design; prints as a small table. Made by `design_power`.
 
     Attributes
     ----------

@@ -175,7 +175,7 @@ _MOST_BARS = 12  # most levels that are drawn with intervals
 
 @dataclass(frozen=True)
 class PsychometricFit:
-    """A Weibull function of the difference |ln level| with guess rate 0.5.
+    """A Weibull function of how far ln level is from 0, with guess rate 0.5. Made by `psychometric_function`.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ Three: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PublishedScore:
-    """Re-analysis of a published mean score. Pairs are (low, high).
+    """Re-analysis of a published mean score. Pairs are (low, high). Made by `group_score_from`.
 
     Attributes
     ----------

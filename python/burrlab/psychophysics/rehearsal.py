@@ -173,7 +173,7 @@ def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cu
 
 @dataclass(frozen=True)
 class Prediction:
-    """d' and score of a simulated subject, with the power to show them. Prints as two lines.
+    """d' and score of a simulated subject, with the power to show them. Prints as two lines. Made by `predicted_d_prime`.
 
     Attributes
     ----------
@@ -352,7 +352,7 @@ class TaskOneRow:
 
 @dataclass(frozen=True)
 class TaskOneTable:
-    """Expected scores of Task 1.
+    """Expected scores of Task 1. Made by `task1_table`.
 
     Attributes
     ----------

@@ -259,7 +259,7 @@ _CRITERION_TEXTS = {
 
 @dataclass(frozen=True)
 class DPrime:
-    """d' of one subject under one rule.
+    """d' of one subject under one rule. Made by `d_prime`.
 
     Attributes
     ----------
@@ -461,7 +461,7 @@ _TIES = 1e-7  # relative difference of probabilities that are equal but for roun
 
 @dataclass(frozen=True)
 class PairCheck:
-    """Comparison of two types of trials by Fisher's exact test, with each subject's total given.
+    """Comparison of two types of trials by Fisher's exact test, with each subject's total given. Made by `pair_checks`.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ _TABLE = [
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SessionMetrics:
-    """Measures of one burr in one session; NaN where the session is too short.
+    """Measures of one burr in one session; NaN where the session is too short. Made by `session_metrics`.
 
     Attributes
     ----------

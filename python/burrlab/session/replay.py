@@ -37,7 +37,7 @@ class Difference:
 
 @dataclass(frozen=True, repr=False)
 class Replay:
-    """Outcome of a replay.
+    """Outcome of a replay. Made by `replay`.
 
     Attributes
     ----------

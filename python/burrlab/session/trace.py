@@ -301,7 +301,7 @@ _LONGEST = 1000  # characters of a name
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Trace:
-    """A recorded session: all inputs to run it again bit for bit, and its results.
+    """A recorded session: all inputs to run it again bit for bit, and its results. Made by `load_trace`.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ AT_A_TIME = 1_000_000
 @by_value
 @dataclass(frozen=True)
 class Phantom:
-    """A temporal bone, the places of its structures, and the planned cavity.
+    """A temporal bone, the places of its structures, and the planned cavity. Made by `temporal_bone`.
 
     Attributes
     ----------

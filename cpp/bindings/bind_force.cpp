@@ -44,6 +44,14 @@ Notes
 -----
 A boundary voxel (spacing s, at distance r) counts by the fraction clamp((R - r)/s + 1/2, 0, 1),
 our decision: with a test of centres the force jumps as the burr moves.
+
+Examples
+--------
+>>> import burrlab
+>>> bone, burr = burrlab.VoxelBone.block((8, 8, 3), 0.1), burrlab.Burr(1.5)
+>>> m0, m1 = burrlab.moments(bone, burr, (3.95, 3.95, 4.2))
+>>> round(m0, 2), m1.round(2).tolist()
+(0.28, [0.0, 0.0, -0.37])
 )");
   m.def("penetration", &penetration, "m0"_a, "radius"_a,
         R"(Effective penetration depth h, Eq. 2.
@@ -115,6 +123,13 @@ ValueError
 Notes
 -----
 n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: the force fades where its direction is undefined.
+
+Examples
+--------
+>>> import burrlab
+>>> force = burrlab.elastic_force(0.28, (0.0, 0.0, -0.37), radius=1.5, c_e=2.145)
+>>> float(force[2].round(2))
+0.33
 )");
   m.def(
       "erode",
@@ -162,5 +177,12 @@ Raises
 ValueError
     If dt is not positive, the centre not finite, the radius below 4 voxels, the material not that of the
     bone's tissues, or the burr too large for their c_e.
+
+Examples
+--------
+>>> import burrlab
+>>> bone, burr = burrlab.VoxelBone.block((8, 8, 3), 0.1), burrlab.Burr(1.5)
+>>> round(burrlab.erode(bone, burr, (3.95, 3.95, 4.2), burrlab.materials["bone"], dt=1.0, seed=1, tick=0), 4)
+0.0025
 )");
 }

@@ -106,6 +106,17 @@ def read_volume(
         three-dimensional volume of one finite value a voxel; if its spacing is missing and not given, or
         differs from the given one; if its direction matrix is not orthonormal; or if slices are missing,
         doubled, uneven, sheared, different or of several series.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> ct = burrlab.Volume(np.zeros((4, 5, 6)), np.array([0.3, 0.3, 0.5]), np.zeros(3), np.eye(3), "a phantom")
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = folder.name + "/ct.nrrd"
+    >>> burrlab.write_volume(path, ct)
+    >>> read_volume(path).shape
+    (4, 5, 6)
+    >>> folder.cleanup()
     """
     name, header, values = _read(path, spacing, series)
     return Volume(
@@ -129,6 +140,17 @@ def read_labels(
         As `read_volume`.
     ValueError
         As `read_volume`; or if a value is not a whole number, or segments overlap.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = folder.name + "/labels.nrrd"
+    >>> labels = burrlab.LabelVolume(np.zeros((4, 5, 6), np.uint8), np.full(3, 0.3), np.zeros(3), np.eye(3), "a cube")
+    >>> burrlab.write_volume(path, labels)
+    >>> read_labels(path).spacing.tolist()
+    [0.3, 0.3, 0.3]
+    >>> folder.cleanup()
     """
     name, header, values = _read(path, spacing, series, most=2**31)
     names, colours, notes = *_named(header.fields), header.notes
@@ -276,6 +298,17 @@ def write_volume(
     -----
     NIfTI keeps geometry in float32: spacing, origin and direction are restored to 1e-7 of their size. Names
     and colours of labels go into NRRD only, in the fields of a segmentation of 3D Slicer, without label 0.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> ct = burrlab.Volume(np.zeros((4, 5, 6)), np.array([0.3, 0.3, 0.5]), np.zeros(3), np.eye(3), "a phantom")
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = folder.name + "/ct.nrrd"
+    >>> write_volume(path, ct)
+    >>> burrlab.read_volume(path).spacing.round(3).tolist()
+    [0.3, 0.3, 0.5]
+    >>> folder.cleanup()
     """
     target = Path(path)
     file_format = format_of(target.name)

@@ -231,12 +231,29 @@ def box_text(grid: OnGrid) -> str:
 
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
-    """Whether two volumes have as many voxels, and no corner is off by more than `SAME` of a voxel."""
+    """Whether two volumes have as many voxels, and no corner is off by more than `SAME` of a voxel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from burrlab.volume import Volume
+    >>> coarse, fine = (Volume(np.zeros((4, 4, 4)), np.full(3, apart), np.zeros(3), np.eye(3), "a cube") for apart in (0.2, 0.1))
+    >>> same_geometry(coarse, coarse), same_geometry(coarse, fine)
+    (True, False)
+    """
     return not _difference(first, second)
 
 
 def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
-    """ValueError that names the difference, unless two volumes have the same geometry."""
+    """ValueError that names the difference, unless two volumes have the same geometry.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from burrlab.volume import Volume
+    >>> ct = Volume(np.zeros((4, 4, 4)), np.full(3, 0.2), np.zeros(3), np.eye(3), "a cube")
+    >>> check_same_geometry(ct, ct)
+    """
     what = _difference(first, second)
     refuse(what, f"{first.path} and {second.path} must have the same geometry: {what}")
 

@@ -601,6 +601,19 @@ def save_drilled(
     Beside `NAME` lies the bone, `NAME.<digest>.bone.h5` (in a folder, `bone.h5`), as `save_bone` writes it.
     The bone is written first, under the digest of its volume: after an interruption the old pair or the new
     one is whole.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> from burrlab.volume import OccupancyMap, Volume, load_drilled
+    >>> folder, mapping = tempfile.TemporaryDirectory(), OccupancyMap.two_point(0, 1000)
+    >>> path = folder.name + "/drilled.nrrd"
+    >>> ct = Volume(np.full((20, 20, 20), 1000, np.int16), np.full(3, 0.2), np.zeros(3), np.eye(3), "a cube")
+    >>> bone = ct.to_bone(mapping)
+    >>> save_drilled(path, bone, ct, mapping=mapping)
+    >>> load_drilled(path).bone.digest() == bone.digest()
+    True
+    >>> folder.cleanup()
     """
     target = followed(Path(path))
     check_tick(tick)

@@ -116,6 +116,17 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
         one; or if it has links that could lead to other files.
     OSError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> block = burrlab.VoxelBone.block((2, 2, 2), 0.1)
+    >>> burrlab.save_bone(folder.name + "/bone.h5", block)
+    >>> bone, tick = load_bone(folder.name + "/bone.h5")
+    >>> bone.digest() == block.digest(), tick
+    (True, 0)
+    >>> folder.cleanup()
     """
     if (flat := read_flat(path)) is not None:
         return flat[:2]

@@ -224,6 +224,13 @@ def surface_along(
     -------
     ndarray, shape (3,), or None
         [mm]; None if the ray meets no bone; the entry itself if it lies inside bone.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> block = burrlab.VoxelBone.block((4, 4, 4), 0.1)
+    >>> surface_along(block, (2.0, 2.0, 9.0), (0.0, 0.0, -1.0)).round(2).tolist()
+    [2.0, 2.0, 3.95]
     """
     direction, start = unit_vector(axis), real(entry, "entry")
     refuse(

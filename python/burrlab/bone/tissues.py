@@ -354,6 +354,16 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
         column), or of another law of force and rate than the material.
     OSError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = folder.name + "/tissues.csv"
+    >>> write_tissues(path, default_tissues({1: "bone", 2: "facial nerve"}))
+    >>> [(tissue.label, tissue.name, tissue.critical) for tissue in read_tissues(path)]
+    [(1, 'bone', False), (2, 'facial nerve', True)]
+    >>> folder.cleanup()
     """
     name, text = table.text_of(path)
     own = _material(name, text)

@@ -313,6 +313,15 @@ def compare(
     ----------
     Welch, Biometrika 34 (1947). Berger and Hsu, Bioequivalence trials, intersection-union tests ...,
     Statistical Science 11 (1996). Holm, Scand. J. Statistics 6 (1979).
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> forces = [0.3, 0.6, 1.2, 2.4]
+    >>> first, second = (burrlab.fit(burrlab.synthetic_curve(burr, bone, forces, repeats=3, seed=i)) for i in (1, 2))
+    >>> print(compare(first, second, margin=0.2).verdict)
+    These runs of A and B can be of one material (B over A: velocity 0.985, 0.904 to 1.08, at 0.849 N), and are equivalent within 20 % of velocity.
     """
     named = _checked_names(fits, margin, names)
     _check_shared(fits, shared)

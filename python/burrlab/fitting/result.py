@@ -672,6 +672,14 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
         If there is no curve or fit.
     TypeError
         If an item is neither.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, forces = burrlab.Burr(3.0), [0.5, 1.0, 2.0]
+    >>> curves = {name: burrlab.synthetic_curve(burr, burrlab.materials[name], forces, seed=1) for name in ("bone", "pvc")}
+    >>> plot_curves(curves).get_xlabel()
+    'force [N]'
     """
     if isinstance(items, VelocityCurve | Fit):
         items = [items]

@@ -88,6 +88,13 @@ def drilling_hand(
     ------
     ValueError
         If a number is out of `HandDevice`'s range.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> hand = drilling_hand(burrlab.Burr(1.5), push=0.5)
+    >>> hand.name
+    'simulated hand'
     """
     return HandDevice((0.0, 0.0, burr.radius + clearance), push=push, amplitude=0.5 * stroke, strokes=strokes)
 
@@ -233,6 +240,14 @@ def rendered_cues(
     ------
     ValueError
         As for `render`.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.materials["bone"]
+    >>> cues = rendered_cues(bone, "probing", burr=burrlab.Burr(1.5), bone=Block((10, 10, 4), 0.2), duration=1.0)
+    >>> round(cues.stiffness, 3), cues.presses
+    (0.776, 1)
     """
     hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
     interval = Interval(Stimulus(material.name, material), seed, duration, boundary)

@@ -388,6 +388,13 @@ def psychometric_function(
     ----------
     H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of
     psychometric functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
+
+    Examples
+    --------
+    >>> levels, correct, trials = [1.1, 1.2, 1.4, 1.8], [11, 13, 17, 20], [20, 20, 20, 20]
+    >>> print(psychometric_function(levels, correct, trials))
+    75 % correct (guess rate 0.5, without lapses) at a ratio of 1.29, 95 % 1.13 to 1.42
+    slope 2.37, 1.03 to 4.74; lapse rate 0.0 %, 0.0 to 26.6 %; 80 trials
     """
     refuse(
         not len(levels) == len(correct) == len(trials),

@@ -80,6 +80,15 @@ def rehearse(
     three by its own seed. This includes the scatter of the erosion, a standard deviation of 0.0001 to 0.0002
     of the logarithm at 0.1 mm, which is negligible beside the noise. A rehearsal of 20 subjects takes
     seconds instead of an hour. `burrlab experiment run --simulated` renders every interval.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.psychophysics import SameDifferent, SimulatedSubject, Stimulus
+    >>> soft, hard = (Stimulus(name, burrlab.materials[name]) for name in ("pvc", "bone"))
+    >>> design = SameDifferent(soft, hard, mode="drilling", interval=1.0)
+    >>> [counts.score for counts in rehearse(design, SimulatedSubject(0.3, cues=["sinking"]), subjects=2, seed=1)]
+    [11, 12]
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     all_counts = []
@@ -444,6 +453,12 @@ def task1_table(
     squares), with the rates of `rule_of`. The range is that of the mean of 20 independent scores, each the
     sum of 6 + 6 answers. "all" combines cues that no interval of the paper has together, so it is an upper
     limit.
+
+    Examples
+    --------
+    >>> table = task1_table(differences="closed form", noises=(0.1, 0.3))
+    >>> print(str(table).splitlines()[3])
+    probing stiffness bone-pvc              11.9 +- 0.2    10.0 +- 0.6
     """
     cue_differences = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:

@@ -42,7 +42,7 @@ SCRIPT = table.Table(
 
 
 def read_script(file: table.Path | IO[str] | IO[bytes], *, volume: OnGrid | None = None) -> ScriptedDevice:
-    """A device that follows the path in a CSV file.
+    r"""A device that follows the path in a CSV file.
 
     Parameters
     ----------
@@ -65,6 +65,13 @@ def read_script(file: table.Path | IO[str] | IO[bytes], *, volume: OnGrid | None
         an orientation is not of length 1 or the volume mirrors it. The message names the file, and line and column where possible.
     OSError
         If the file cannot be opened.
+
+    Examples
+    --------
+    >>> import io
+    >>> device = read_script(io.StringIO("time_s,x_mm,y_mm,z_mm,on\n0,0,0,4,1\n1,0,0,3,1\n"))
+    >>> device.name
+    'script'
     """
     name, _, columns = SCRIPT.read(file)
     position = np.column_stack([columns["x"], columns["y"], columns["z"]])

@@ -209,6 +209,21 @@ def session_metrics(
 
     A `DrillingRecording` counts whole voxels as removed. It does not say when the burr met bone: contact is
     where the force is not 0. What follows from nothing recorded is NaN, such as the time of cutting.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file = folder.name + "/session.h5"
+    >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    >>> tool, clock = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.Clock(wall_clock=False)
+    >>> hand = burrlab.HandDevice((0, 0, 3.0))
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, clock=clock, record=file) as session:
+    ...     ended = session.wait()
+    >>> metrics = session_metrics(burrlab.load_trace(file))
+    >>> round(metrics.removed, 2), round(metrics.peak_force, 2)
+    (1.02, 0.75)
+    >>> folder.cleanup()
     """
     if not isinstance(trace, Recording):
         check_trace(trace)

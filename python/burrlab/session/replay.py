@@ -113,6 +113,20 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
         centre that is not finite.
     TypeError
         If `trace` is not a trace.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file = folder.name + "/session.h5"
+    >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    >>> tool, clock = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.Clock(wall_clock=False)
+    >>> hand = burrlab.HandDevice((0, 0, 3.0))
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, clock=clock, record=file) as session:
+    ...     ended = session.wait()
+    >>> print(replay(burrlab.load_trace(file)))
+    Replay(equal, 500 ticks, 2 digests)
+    >>> folder.cleanup()
     """
     report = reporter(progress, "replay")
     check_trace(trace)

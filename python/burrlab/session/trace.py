@@ -507,6 +507,21 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
         If the file is not a trace, has a newer format, or is damaged.
     OSError
         If it cannot be read.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file = folder.name + "/session.h5"
+    >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    >>> tool, clock = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.Clock(wall_clock=False)
+    >>> hand = burrlab.HandDevice((0, 0, 3.0))
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, clock=clock, record=file) as session:
+    ...     ended = session.wait()
+    >>> trace = load_trace(file)
+    >>> trace.duration, len(trace.ticks)
+    (0.5, 500)
+    >>> folder.cleanup()
     """
     if (flat := read_flat(path)) is not None:
         return _read_flat(Path(path), *flat)

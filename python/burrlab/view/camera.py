@@ -68,6 +68,12 @@ def surgeon_view(
     ------
     ValueError
         If the axis is zero, the entry is farther away than the bone is wide, or a value is not finite.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> surgeon_view(burrlab.VoxelBone.block((4, 4, 4), 0.1), (2.0, 2.0, 4.0), (0.0, 0.0, -1.0), tilt=0.0).focus
+    (2.0, 2.0, 4.0)
     """
     into = _unit("axis", _DOWN if axis is None else axis)
     spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])

@@ -146,6 +146,13 @@ def plot_slices(
     ------
     ValueError
         If the point is not three finite numbers, or there is not a centre for every radius.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
+    >>> len(plot_slices(bone, (1.0, 1.0, 1.0)))
+    3
     """
     places = np.asarray(centers, float).reshape(-1, 3)
     if len(places) == 0 and len(radii) == 1:
@@ -259,6 +266,16 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
     ------
     ValueError
         If the axis is another, or the level is not from 1 to 255.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.VoxelBone.block((2, 2, 2), 0.5)
+    >>> left = bone.density.copy()
+    >>> left[3] = 0
+    >>> bone.restore(left)
+    >>> float(depth_map(bone).max())
+    0.5
     """
     refuse(not 1 <= level <= 255, f"level must be from 1 to 255, got {level}")
     across = _axis(axis)
@@ -340,6 +357,16 @@ def plot_depth_map(
     ------
     ValueError
         If the axis is another, or contours are negative.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.VoxelBone.block((2, 2, 2), 0.5)
+    >>> left = bone.density.copy()
+    >>> left[3, :2] = 0
+    >>> bone.restore(left)
+    >>> plot_depth_map(bone, crop=False).get_xlabel()
+    'x [mm]'
     """
     refuse(contours < 0, f"contours must be zero or positive, got {contours}")
     across = _axis(axis)

@@ -28,7 +28,13 @@ _AIR, _CORTEX, _MASTOID, _NERVE, _SINUS, _DURA, _LABYRINTH, _OSSICLES = range(8)
 
 
 def phantom_tissues(material: Material = materials["bone"]) -> Tissues:
-    """Tissues of a phantom, by `default_tissues`: values of `material`, assumed for all but bone."""
+    """Tissues of a phantom, by `default_tissues`: values of `material`, assumed for all but bone.
+
+    Examples
+    --------
+    >>> [tissue.name for tissue in phantom_tissues() if tissue.critical]
+    ['facial nerve', 'sigmoid sinus', 'dura', 'labyrinth', 'ossicles']
+    """
     return default_tissues(_NAMES, material=material)
 
 

@@ -17,6 +17,7 @@ from burrlab._core import Material
 from burrlab.common.check import check_positive, refuse, scalar
 from burrlab.common.figures import (
     FORCE,
+    MATERIALS,
     POSITION,
     REFERENCE,
     SERIES,
@@ -653,6 +654,8 @@ Items: TypeAlias = "Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve |
 def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **style: Any) -> Axes:
     """Several materials, burrs or drills in one figure, in looks that differ in colour, grey and shape.
 
+    A shipped material that is named so, such as "bone", looks the same in each figure.
+
     Data are points, with error bars if sigma is known; a fit adds its line and 95 % band. A bar across a line
     marks the fit's kink at phi = F/(c_e R^2) = 0.068. Below it the default window begins deeper than static
     contact and the data determine only alpha/c_e^p; c_e itself shows above it (docs/model.md, section 5).
@@ -694,8 +697,10 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     ax = axes_or_new(ax)
     bar: dict[str, Any] = {"marker": (2, 2, 45), "linestyle": "", "mew": 1.2}  # across a line that rises
     kinks: list[float] = []
-    for look, (name, material) in zip(itertools.cycle(SERIES), items.items(), strict=False):
-        dress: dict[str, Any] = {"label": name, **look, **style}
+    shipped = {name: MATERIALS[name] for name in items if name in MATERIALS}
+    others = itertools.cycle([look for look in SERIES if look not in shipped.values()])
+    for name, material in items.items():
+        dress: dict[str, Any] = {"label": name, **(shipped.get(name) or next(others)), **style}
         if isinstance(material, VelocityCurve):
             material.plot(ax, log=log, **dress | {"linestyle": ""})
             continue

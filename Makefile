@@ -24,10 +24,12 @@ $(VENV)/tools: pyproject.toml | machine
 	touch $@
 
 $(VENV)/installed: $(VENV)/tools $(SOURCES)
+	@echo "Compiling burrlab, without a word for two to five minutes, and installing what it needs"
 	$(PIP) --no-build-isolation -e .
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
+	@echo "Installing what the tests need: some 100 packages"
 	$(PIP) --no-build-isolation -e ".[cluster,haply,medical,pandas,psychometric,viz3d]" --group dev
 	touch $@
 

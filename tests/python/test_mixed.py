@@ -235,6 +235,21 @@ class TestOffsets:
         assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in voxel.verdict
         assert voxel.to_dataframe()["quantity"][3] == "c_e as given"
 
+    @pytest.mark.parametrize("options", [{"uncertain": {"force": 0.02}}, {"estimate": ("force",)}])
+    def test_with_given_sigma_nothing_is_estimated(self, options):
+        """So limits are normal, about the joint information of offset, c_e and alpha; a design and a file follow."""
+        curve = laboratory(1, 3, between=0.0)
+        fit = burrlab.fit(
+            replace(curve, sigma=0.05 * curve.velocity, groups={}), residuals="sigma", **options
+        )
+        direction = np.array([-fit.identified.exponent, 1.0])
+        error = float(direction @ fit.likelihood.equations.M[-2:, -2:] @ direction) ** 0.5
+        width = np.log(fit.identified.intervals["95"].ratio())
+        assert width == pytest.approx(2 * 1.96 * error, rel=0.03)
+        calibration = burrlab.Fit.from_dict(fit.to_dict()).evidence.calibration
+        assert calibration.limit(0.95) == pytest.approx(5.99, abs=0.01)
+        assert burrlab.design(fit, 3.0, 3.0, 3, scatter=0.05, seed=1).best.area_ratio < 1
+
     def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
         """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""
         for seed in range(3):

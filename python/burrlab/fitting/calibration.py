@@ -12,6 +12,7 @@ from scipy import special
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
 
+_KNOWN = 1e9  # degrees of freedom of what is known
 _DIRECTIONS, _NODES = 12, 400  # over c_e and alpha, and of Student's t, where the joint limit is sought
 
 
@@ -196,7 +197,7 @@ class MixedCalibration:
             if (parts >= -1e-9).all():
                 limits = special.fdtri(1, np.maximum(2 * sizes**2, 1.0), 0.95)
                 return _freedom_at(1, float(parts @ limits + (1 - parts.sum()) * special.chdtri(1, 0.05)))
-        return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, 1e9))
+        return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, _KNOWN))
 
     def variance(self, direction: Floats) -> tuple[float, float]:
         """See `Calibration.variance`."""
@@ -243,6 +244,8 @@ class MixedCalibration:
         """Degrees of freedom of the joint F, and the factor of its limits."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance))
         bias = float(np.trace(root @ self.adjusted @ root.T)) / 2
+        if not len(self.changes):  # sigma and the sizes of all effects are given
+            return _KNOWN, max(bias, 1.0)
         # Kenward and Roger's section 2.3, for two quantities
         change = root @ self.changes @ root.T
         trace, of_pairs = np.einsum("kii->k", change), np.einsum("kij,lji->kl", change, change)

@@ -395,7 +395,7 @@ class MixedEquations:
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
         estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
         return MixedCalibration(
-            Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance,
+            Phi, (adjusted + adjusted.T) / 2, np.reshape(changes, (size, *Phi.shape)), covariance,
             variances=estimated if len(blocks) == 1 else None,
         )  # fmt: skip
 

@@ -427,9 +427,10 @@ def _log_force(
     unit = radius**2 * (depth / radius) ** q
     if not (h > 0.0 and R > 0.0):
         return np.full((len(grid.log_c_e), 1), np.nan)
-    less = offsets.get("force", 0.0) / (unit * np.exp(grid.log_c_e))
-    with np.errstate(invalid="ignore"):
-        change = np.log(R ** (2 - q) * h**q / unit - less) if offsets else 0.0
+    less = offsets.get("force", 0.0) / (
+        unit * np.exp(grid.log_c_e)
+    )  # of the force: as a measured one has to be above 0
+    change = np.log(R ** (2 - q) * h**q / unit) - less if offsets else 0.0
     return np.asarray(grid.log_c_e + change)[:, None]
 
 

@@ -250,6 +250,24 @@ class TestOffsets:
         assert calibration.limit(0.95) == pytest.approx(5.99, abs=0.01)
         assert burrlab.design(fit, 3.0, 3.0, 3, scatter=0.05, seed=1).best.area_ratio < 1
 
+    def test_a_radius_that_moves_no_bound(self):
+        """With q = 2 static contact does not depend on the radius."""
+        fit = burrlab.fit(
+            off(1, label=False)[0], law=burrlab.Law("parabolic", 2.0, 1.0), uncertain={"radius": 0.05}
+        )
+        assert fit.likelihood.n_parts == 1
+        assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
+
+    def test_specimens_of_too_few_rows(self):
+        """Nothing tells them from the scatter: limits and a band are there all the same."""
+        force, velocity = [0.466, 1.167, 1.633, 2.382], [0.3799, 3.242, 5.765, np.nan]
+        curve = burrlab.VelocityCurve(force, velocity, radius=2.0, specimen=["a", "c", "b", "a"],
+                                      status=["ok", "ok", "ok", "overloaded"])  # fmt: skip
+        fit = burrlab.fit(curve, uncertain={"surface": 0.05})
+        assert fit.identified.intervals["95"].ratio() > 1
+        low, high = fit.velocity_interval(1.0)
+        assert 0 < low < high
+
     def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
         """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""
         for seed in range(3):

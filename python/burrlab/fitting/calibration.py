@@ -202,7 +202,8 @@ class MixedCalibration:
     def variance(self, direction: Floats) -> tuple[float, float]:
         """See `Calibration.variance`."""
         wider = (1 + self.monte_carlo) * self.inflation
-        return wider * float(direction @ self.adjusted @ direction), self.freedom(direction)
+        variances = [float(direction @ Phi @ direction) for Phi in (self.adjusted, self.covariance)]
+        return wider * max(variances), self.freedom(direction)
 
     def limit(self, level: float, direction: Floats | None = None) -> float:
         """Largest rise of -2 log L inside `level`; see `Calibration.limit`."""

@@ -114,6 +114,8 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     S, parameters = float(np.sum(r**2)), 2 if J.shape[1] == 2 else _orthonormal(J).shape[1]
     if likelihood.known:
         nu = likelihood.n - parameters
+        if nu < 1:
+            return None
         text = "The scatter {so} the given sigma: {outcome}."
         test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
         if 1 - test.p_value < POOR:

@@ -394,9 +394,12 @@ class MixedEquations:
         Phi = M[fixed, fixed]
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
         estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
+        told_apart = bool(
+            (np.linalg.eigvalsh(covariance) > 0).all()
+        )  # few rows cannot tell days from the scatter
         return MixedCalibration(
             Phi, (adjusted + adjusted.T) / 2, np.reshape(changes, (size, *Phi.shape)), covariance,
-            variances=estimated if len(blocks) == 1 else None,
+            variances=estimated if len(blocks) == 1 and told_apart else None,
         )  # fmt: skip
 
 
@@ -405,6 +408,8 @@ def reml(model: RowProducts) -> MixedEquations:
 
     The search begins twice: at all scatter within groups, and at the split between and within that the rows show.
     """
+    if not all(np.isfinite(G).all() for G in model.products):
+        raise np.linalg.LinAlgError("a row has no window near this point")
     free, n_effects = np.flatnonzero(~model.known), len(model.estimated)
     whole, within = np.ones((2, len(model.n)))
     for k in free:

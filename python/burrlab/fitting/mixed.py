@@ -232,6 +232,8 @@ class MixedLikelihood(Likelihood):
         }  # of c_e's lower bound
         sizes = np.array([float(self.components[k].deviation or 0.0) for k in given])
         along = sizes * [relative[self.components[k].quantity] for k in given]
+        if not along.any():  # with q = 2 the radius moves no bound
+            return []
         apart = float(np.clip(_APART / np.linalg.norm(along), 0.25, 1.0))
         nodes, narrow = np.arange(-_PARTS, _PARTS + apart / 2, apart), 0.6 * apart
         weights = np.exp(-0.5 * np.square(nodes) / (1 - narrow**2))

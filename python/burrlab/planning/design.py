@@ -443,13 +443,17 @@ def _expected(
     """
     row, column = truth
     overloaded = np.exp(grid.log_c_e[row]) <= ceiling
+    # with its offset a shallow pair may lie above the surface: it tells nothing
+    silent = ~overloaded & np.isnan(np.broadcast_to(log_outcome, grid.minus2.shape)[row, column])
     log_area, ratio = np.empty(len(row)), np.empty(len(row))
-    if overloaded.any():
-        region = grid.below(ceiling)
-        log_area[overloaded], ratio[overloaded] = region.log_area, region.ratio
-    if not overloaded.all():
-        region = grid.after(log_outcome, new, (row[~overloaded], column[~overloaded]))
-        log_area[~overloaded], ratio[~overloaded] = region.log_area, region.ratio
+    for at, bound in ((overloaded, ceiling), (silent, np.inf)):
+        if at.any():
+            region = grid.below(bound)
+            log_area[at], ratio[at] = region.log_area, region.ratio
+    measured = ~(overloaded | silent)
+    if measured.any():
+        region = grid.after(log_outcome, new, (row[measured], column[measured]))
+        log_area[measured], ratio[measured] = region.log_area, region.ratio
     return NewRegion(log_area, ratio), float(overloaded.mean())
 
 

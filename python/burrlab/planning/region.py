@@ -255,7 +255,8 @@ class RegionGrid:
     def below(self, ceiling: float) -> NewRegion:
         """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
         excluded = self.log_c_e[:, None] >= np.log(ceiling)
-        return NewRegion(*self._region(np.where(excluded, _EXCLUDED, self.minus2)[None], self.limits, True))
+        table = np.where(excluded, _EXCLUDED, self.minus2)[None]
+        return NewRegion(*self._region(table, self.limits, self.high_hard or ceiling < np.inf))
 
     def _region(self, table: Floats, limits: RiseLimits, high_hard: bool) -> tuple[Floats, Floats]:
         """Log area, and ratio of c_e's interval, of tables of -2 log L, shape (t, m, a)."""

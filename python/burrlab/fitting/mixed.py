@@ -249,7 +249,7 @@ class MixedLikelihood(Likelihood):
                 move = by - self.shifts[column]
                 there = there.moved(self.components[k].quantity, move, move)
                 shifts[column], moved[column] = 0.0, by
-            if not (there.force > 0).all() or not (there.radius > 0).all():
+            if min(there.force.min(), there.radius.min()) <= 0:
                 continue
             likelihood = plain.of_rows(there, MeanFieldModel(there, plain.model.shape))
             slopes = {

@@ -341,22 +341,20 @@ def design(
         for F in force.tolist():
             phi = law.master_phi(F / (fit.c_e * R**2))
             slope = law.stretch * float(np.nan_to_num(curve.local_slope(phi)))  # of ln v by ln c_e, negated
-            others = (
-                () if R in fit.observations.radius else ("radius",)
-            )  # another burr has a radius of its own
-            log_velocity, offset2 = offsets.outcome(partial(_log_velocity, fit, grid, F, R), new=others)
+            log_velocity, offset2 = offsets.outcome(R, partial(_log_velocity, fit, grid, F, R))
             new = NewData(n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2)
-            after, overloaded = _expected(grid, truth, log_velocity, new, _ceiling(fit, F, R, offsets.values))
+            after, overloaded = _expected(
+                grid, truth, log_velocity, new, _ceiling(fit, F, R, offsets.known(R))
+            )
             candidate = _candidate(grid, after, overloaded, n, R, force=F)
             candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n, scatter)))
             report_progress(len(candidates), total)
     if len(depth):
-        others = () if static_radius in fit.observations.radius else ("radius",)
         # without offsets, depth does not matter
         for h in depth.tolist():
             if h == depth[0] or offsets.deviations:
                 log_force, offset2 = offsets.outcome(
-                    partial(_log_force, fit, grid, h, static_radius), new=others
+                    static_radius, partial(_log_force, fit, grid, h, static_radius)
                 )
                 pairs = NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2)
                 after, _ = _expected(grid, truth, log_force, pairs, 0.0)

@@ -1,6 +1,6 @@
 """The likelihood of a fit on a grid over its joint region, and the region that new data would leave."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from burrlab.common.check import refuse
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import MixedLikelihood
+from burrlab.fitting.mixed import MixedEffect, MixedLikelihood
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
 from burrlab.fitting.record import FitRecord
@@ -91,51 +91,55 @@ class SharedOffsets:
     """
 
     def __init__(self, fit: FitRecord, grid: "RegionGrid") -> None:
-        self.values: dict[
+        self.shared: dict[str, MixedEffect] = {}
+        self.deviations: dict[
             str, float
-        ] = {}  #: of the shared ones at the fit [N], [mm], and their standard errors
-        self.errors: dict[str, float] = {}
-        self.deviations: dict[str, float] = {}  #: of all, in new data: standard deviations [N], [mm]
+        ] = {}  #: of all, where they are others: standard deviations [N], [mm]
+        self.radii = fit.observations.radius
         columns, likelihood = [], fit.likelihood
-        if isinstance(likelihood, MixedLikelihood):
-            for x, component, block in zip(
-                fit.effects, likelihood.components, likelihood.linear.blocks, strict=True
-            ):
-                if x.quantity in (*OFFSETS, "order"):
-                    self.deviations[x.quantity] = component.deviation or 0.0
-                    if len(x.levels) == 1:
-                        self.values[x.quantity], self.errors[x.quantity] = x.values[0], x.errors[0]
-                        columns.append(block.start)
-        if columns:
-            assert isinstance(likelihood, MixedLikelihood)
-            self.mean, self.covariance = likelihood.effects_given(
-                np.exp(grid.log_c_e), grid.log_alpha, np.array(columns)
-            )
+        if not isinstance(likelihood, MixedLikelihood):
+            return
+        for x, component, block in zip(
+            fit.effects, likelihood.components, likelihood.linear.blocks, strict=True
+        ):
+            if x.quantity in (*OFFSETS, "order"):
+                self.deviations[x.quantity] = component.deviation or 0.0
+                if len(x.levels) == 1:
+                    self.shared[x.quantity] = x
+                    columns.append(block.start)
+        self.mean, self.covariance = likelihood.effects_given(
+            np.exp(grid.log_c_e), grid.log_alpha, np.array(columns, np.intp)
+        )
+
+    def known(self, radius: float) -> dict[str, float]:
+        """The offsets at the fit that data of a burr share [N], [mm]: another burr has a radius of its own."""
+        kept = [name for name in self.shared if name != "radius" or radius in self.radii]
+        return {name: self.shared[name].values[0] for name in kept}
 
     def outcome(
-        self, log_outcome: Callable[[Mapping[str, float]], Floats], *, new: Sequence[str] = ()
+        self, radius: float, log_outcome: Callable[[Mapping[str, float]], Floats]
     ) -> tuple[Floats, Floats | float]:
         """An outcome's mean over the offsets and its variance by them, at each point of the grid.
 
         `log_outcome` gives its logarithm at given offsets, shape (m, a) or (m, 1). It is linear about the
-        offsets of the fit. `new`: shared ones that are others in the new data.
+        offsets of the fit.
         """
-        known = {name: 0.0 if name in new else value for name, value in self.values.items()}
+        known = self.known(radius)
         middle = log_outcome(known)
         variance: Floats = np.zeros((1, 1))
         mean, slopes = middle, []
         for name, deviation in self.deviations.items():
-            shared = name in self.values and name not in new
-            step = self.errors[name] if shared else deviation
+            shared = name in known
+            step = self.shared[name].errors[0] if shared else deviation
             up, down = (log_outcome(known | {name: known.get(name, 0.0) + by}) for by in (step, -step))
             lost = np.isnan(up) | np.isnan(down)  # a window ends there: from one side
             change = np.where(np.isnan(up), middle, up) - np.where(np.isnan(down), middle, down)
             slope = change / (step * np.where(lost, 1.0, 2.0))
             variance = variance + (0.0 if shared else (deviation * slope) ** 2)
-            if name in self.values:
+            if name in self.shared:
                 slopes.append(slope * shared)
-        for k, (slope, value) in enumerate(zip(slopes, self.values.values(), strict=True)):
-            mean = mean + slope * (self.mean[..., k] - value)
+        for k, (slope, x) in enumerate(zip(slopes, self.shared.values(), strict=True)):
+            mean = mean + slope * (self.mean[..., k] - x.values[0])
             for other, column in enumerate(slopes):
                 variance = variance + slope * column * self.covariance[:, k, other, None]
         return mean, np.nan_to_num(variance) if self.deviations else 0.0

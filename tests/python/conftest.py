@@ -41,7 +41,7 @@ def _no_figures_left() -> Iterator[None]:
 def _patient_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a busy machine a thread may wait longer than the watchdog, whose tests make their own loops."""
     monkeypatch.setattr(
-        "burrlab.session.session.HapticLoop", functools.partial(_core.HapticLoop, stall_limit=60_000.0)
+        "burrlab.session.session.HapticLoop", functools.partial(_core.HapticLoop, stall_limit=9000.0)
     )
 
 

@@ -273,11 +273,14 @@ def test_what_is_refused(make, error, told):
         make()
 
 
-def test_never_started():
+def test_never_started(tmp_path):
     run = session()
     run.stop()
     assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
     assert run.wait()
+    run = session(record=tmp_path / "a.h5")  # a signal in `start`, before the first tick
+    run.stop("stopped by KeyboardInterrupt")
+    assert run.report().state == load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
 
 
 @pytest.mark.parametrize(("height", "missed"), [(9.0, ["6.10"]), (2.0, [])])

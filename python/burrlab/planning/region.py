@@ -33,7 +33,7 @@ class RiseLimits:
         return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NewData:
     """n repeated measurements of a logarithm, and their scatter."""
 

@@ -96,7 +96,8 @@ class SessionReport:
             **{name: getattr(writer, name) for name in ("ended", "complete", "rescued")},
         }  # fmt: skip
         return cls(
-            state="running" if loop.running else loop.reason or "not started",
+            # a signal before the first tick ends the trace, not the loop
+            state="running" if loop.running else loop.reason or recording.get("ended") or "not started",
             **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
             times={
                 name: {

@@ -15,6 +15,7 @@ from burrlab.comparing.paired import ERROR
 from burrlab.fitting.calibration import _freedom_of_sum
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, components_of
+from burrlab.fitting.mixed import _size
 from burrlab.fitting.profile import C_E
 
 BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
@@ -265,6 +266,11 @@ class TestOffsets:
                                       status=["ok", "ok", "ok", "overloaded"])  # fmt: skip
         fit = burrlab.fit(curve, uncertain={"surface": 0.05})
         assert fit.identified.intervals["95"].ratio() > 1
+        assert [_size(x) for x in (0.1, 1.0, 800.0)] == [
+            "10 %",
+            "a factor of 2.7",
+            "a factor of over a million",
+        ]
         low, high = fit.velocity_interval(1.0)
         assert 0 < low < high
 

@@ -42,6 +42,7 @@ _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
+_MILLION = np.log(1e6)
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
@@ -644,7 +645,11 @@ def _widening(equations: MixedEquations, k: int, direction: Floats) -> float:
 
 def _size(deviation: float) -> str:
     """A standard deviation of a logarithm."""
-    return f"{100 * deviation:.2g} %" if deviation < _PER_CENT else f"a factor of {np.exp(deviation):.2g}"
+    if deviation >= _PER_CENT:
+        return (
+            f"a factor of {np.exp(deviation):.2g}" if deviation < _MILLION else "a factor of over a million"
+        )
+    return f"{100 * deviation:.2g} %"
 
 
 def _span(interval: Interval) -> str:

@@ -92,9 +92,8 @@ class SharedOffsets:
 
     def __init__(self, fit: FitRecord, grid: "RegionGrid") -> None:
         self.shared: dict[str, MixedEffect] = {}
-        self.deviations: dict[
-            str, float
-        ] = {}  #: of all, where they are others: standard deviations [N], [mm]
+        #: of all, where they are others in new data: standard deviations [N], [mm]
+        self.deviations: dict[str, float] = {}
         self.radii = fit.observations.radius
         columns, likelihood = [], fit.likelihood
         if not isinstance(likelihood, MixedLikelihood):
@@ -107,9 +106,10 @@ class SharedOffsets:
                 if len(x.levels) == 1:
                     self.shared[x.quantity] = x
                     columns.append(block.start)
-        self.mean, self.covariance = likelihood.effects_given(
-            np.exp(grid.log_c_e), grid.log_alpha, np.array(columns, np.intp)
-        )
+        if columns:
+            self.mean, self.covariance = likelihood.effects_given(
+                np.exp(grid.log_c_e), grid.log_alpha, np.array(columns)
+            )
 
     def known(self, radius: float) -> dict[str, float]:
         """The offsets at the fit that data of a burr share [N], [mm]: another burr has a radius of its own."""

@@ -29,15 +29,13 @@ def real(value: object, name: str) -> NDArray[np.float64]:
     """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400, masked and anything not real."""
     if np.ma.is_masked(value):
         raise ValueError(f"{name} must have no masked numbers: leave them out, got {shown(value)}")
-    try:
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
         numbers = np.asarray(value)
         texts = numbers.dtype.kind == "O" and any(
             isinstance(element, str | bytes) for element in numbers.flat
         )
         if numbers.dtype.kind in "iufO" and not texts:
             return np.array(numbers, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        pass
     raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
 
 

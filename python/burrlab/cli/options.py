@@ -16,19 +16,16 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import burrlab
 from burrlab._core import Material, Shape, shape_names
 from burrlab.common.check import refuse
+from burrlab.common.figures import Axes
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import Column, Problem, Table, not_negative
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Options = argparse.Namespace
 Numbers = tuple[float, float, float]

@@ -425,7 +425,6 @@ def do_metrics(options: Options) -> None:
 def do_export(options: Options) -> None:
     ending = Path(options.out).suffix.lower()
     refuse(ending not in _EXPORTS, f"--out must end in {', '.join(_EXPORTS)}, got {options.out}")
-    refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     of_volume = options.volume is not None or options.labels is not None
     for applies, names, why in (
         (ending != ".hdf5", ("burr", "old"), "goes with --out FILE.hdf5"),

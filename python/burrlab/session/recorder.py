@@ -8,12 +8,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import VoxelBone, most_watch_events
+from burrlab._core import RecordReader, VoxelBone, most_watch_events
 from burrlab.anatomy.events import EVENT_DTYPE, Watched
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
@@ -32,13 +31,6 @@ _INTERVAL = 0.02  # [s] between two looks at the ring
 _MOST = 20_000  # records taken at once
 _write = os.pwrite  # a name of its own, for tests with a full disk
 _BROKEN = _OVERWRITTEN, _CUT = "was overwritten", "was cut short"  # by another program
-
-
-class Reader(Protocol):
-    """A source of records, such as a loop's `RecordReader`."""
-
-    def take(self, most: int = ...) -> tuple[NDArray[np.void], bool]:
-        """(records since the last call, whether some were lost before the next)"""
 
 
 @dataclass
@@ -102,7 +94,7 @@ class TraceWriter:
     def __init__(
         self,
         path: str | os.PathLike[str],
-        reader: Reader,
+        reader: RecordReader,
         bone: VoxelBone,
         header: TraceHeader,
         *,
@@ -126,7 +118,7 @@ class TraceWriter:
                     raise
                 raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
             _name(part, self.path)
-        self._reader: Reader | None = reader
+        self._reader: RecordReader | None = reader
         self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
         self._row_bytes, self._room, self.recorded = row_dtype(self._burrs).itemsize, rows, 0
         self.ended = self.warning = self.rescued = ""

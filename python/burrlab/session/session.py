@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import functools
 import json
 import os
 import signal
@@ -255,7 +256,7 @@ class Session:
         )  # fmt: skip
         return TraceWriter(
             record, RecordReader(self.loop), self._executor.bone, header, duration=duration,
-            digest_every=digest_every, on_end=_weakly(self._say),
+            digest_every=digest_every, on_end=functools.partial(_say_weakly, weakref.ref(self)),
         )  # fmt: skip
 
     def start(self) -> "Session":
@@ -556,15 +557,10 @@ def _end_by_signal(number: int, _: object) -> None:
     signal.raise_signal(number)
 
 
-def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
-    """A function that calls a method without keeping its object alive."""
-    weak = weakref.WeakMethod(method)
-
-    def call(text: str) -> None:
-        if (alive := weak()) is not None:
-            alive(text)
-
-    return call
+def _say_weakly(session: weakref.ref[Session], text: str) -> None:
+    """`Session._say` for a thread that must not keep the session alive."""
+    if (alive := session()) is not None:
+        alive._say(text)
 
 
 def _ticks_and_room(duration: float | None, rate: float) -> tuple[int, float]:

@@ -29,7 +29,7 @@ from burrlab.bone.snapshot import (
     write_bone,
 )
 from burrlab.common.check import refuse
-from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
+from burrlab.common.files import attributes, new_hdf5, put_attributes
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import dataframe
@@ -173,7 +173,6 @@ def create(
     """
     tools, period = header.tools, header.period
     row = file_dtype(len(tools))
-    check_folder(path)
     path.touch()
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash

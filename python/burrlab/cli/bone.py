@@ -198,8 +198,9 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     """
     counts = label_counts(labels.labels, labels.path)
     if tissues is None:
-        unnamed = {0: UNLABELLED}
-        known = {label: known_tissue(labels.names.get(label) or unnamed.get(label, "")) for label in counts}
+        known = {
+            label: known_tissue(labels.names.get(label) or UNLABELLED * (label == 0)) for label in counts
+        }
         tissue_names = {label: tissue.name for label, tissue in known.items() if tissue is not None}
     else:
         tissue_names = {0: UNLABELLED, **{tissue.label: tissue.name for tissue in tissues}}

@@ -344,7 +344,7 @@ def do_replica(options: Options) -> int:
     show_line("")
     anatomy = replica_report(replica)
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    text = status_text(status, interrupted=interrupted)
+    text = status_text(status)
     if anatomy is not None:
         text += f"\n{anatomy}"
         status["anatomy"] = anatomy.to_dict()

@@ -5,7 +5,7 @@ import math
 import os
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,16 +108,8 @@ class TraceWriter:
         rows = max(1, math.ceil(duration * 1000.0 / header.period))
         digests = math.ceil(duration / min(digest_every, 1.0)) + 16
         refuse(self.path.exists(), f"path must be a new file, {self.path} exists", FileExistsError)
-        with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
-            try:
-                self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
-            except (RuntimeError, ValueError) as error:  # raised by HDF5 if a limit is too small
-                raise OSError(f"{self.path} could not be made: {error}") from None
-            except OSError as error:
-                if error.filename != os.fspath(part):
-                    raise
-                raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
-            _name(part, self.path)
+        with _named_at_end(self.path) as part:
+            self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
         self._reader: RecordReader | None = reader
         self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
         self._row_bytes, self._room, self.recorded = row_dtype(self._burrs).itemsize, rows, 0
@@ -315,21 +307,32 @@ class TraceWriter:
             os.close(self._file)
 
     def _rescue(self, place: str) -> None:
-        with new_part(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
-            try:
-                make_compact(raw, part)
-            except (RuntimeError, ValueError, KeyError) as error:
-                raise OSError(f"{place} could not be made: {error}") from None
-            _name(part, Path(place))
+        with _named_at_end(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
+            make_compact(raw, part)
 
 
-def _name(part: Path, path: Path) -> None:
-    """Gives a file its name, unless that name is taken."""
-    try:
-        os.link(part, path)
-    except FileExistsError:
-        raise FileExistsError(f"path must be a new file, {path} exists") from None
-    except OSError:  # a file system without hard links
-        part.rename(path)
-    else:
-        part.unlink()
+@contextlib.contextmanager
+def _named_at_end(path: Path) -> Iterator[Path]:
+    """A file to fill: it gets its name at the end, unless that name is taken. A kill before leaves none of the name.
+
+    OSError that names the path if it cannot be made.
+    """
+    with new_part(path) as part:
+        try:
+            yield part
+        except (
+            RuntimeError,
+            ValueError,
+            KeyError,
+        ) as error:  # by HDF5: a limit is too small, the file is damaged
+            raise OSError(f"{path} could not be made: {error}") from None
+        except OSError as error:
+            if error.filename != os.fspath(part):
+                raise
+            raise type(error)(error.errno, error.strerror, os.fspath(path)) from None
+        try:
+            os.link(part, path)
+        except FileExistsError:
+            raise FileExistsError(f"path must be a new file, {path} exists") from None
+        except OSError:  # a file system without hard links
+            part.rename(path)

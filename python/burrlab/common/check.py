@@ -9,7 +9,7 @@ import os
 import re
 import reprlib
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -169,6 +169,17 @@ def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
     except ImportError:
         needed = usual_name or module.partition(".")[0]
         raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
+
+
+@contextlib.contextmanager
+def error_prefix(
+    prefix: str, kinds: type[Exception] | tuple[type[Exception], ...] = ValueError
+) -> Iterator[None]:
+    """An error of these kinds becomes a ValueError whose sentence begins with the prefix."""
+    try:
+        yield
+    except kinds as error:
+        raise ValueError(f"{prefix}{error}") from None
 
 
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:

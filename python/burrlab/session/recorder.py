@@ -170,7 +170,6 @@ class TraceWriter:
             self._wake.set()
             (self._run if self._thread.ident is None else self._thread.join)()
             self._finish_file()
-            self._on_end = None  # a session's method: this cycle would keep two bones alive
 
     def _run(self) -> None:
         damage = ""

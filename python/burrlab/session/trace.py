@@ -163,7 +163,7 @@ class TraceHeader:
 def create(
     path: Path, bone: VoxelBone, header: TraceHeader, *, capacity: int, digest_capacity: int
 ) -> dict[str, int]:
-    """Makes the file without ticks; returns byte offsets of its datasets, those of a watch among them.
+    """Fills an empty file, without ticks; returns byte offsets of its datasets, those of a watch among them.
 
     The tables are allocated at once and never filled. On file systems with sparse files they take room only
     as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
@@ -171,7 +171,6 @@ def create(
     """
     tools, period = header.tools, header.period
     row = file_dtype(len(tools))
-    path.touch()
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:

@@ -329,11 +329,14 @@ def test_no_file_is_overwritten(file, records):
 
 
 def test_a_file_that_is_not_whole_has_not_its_name(file, monkeypatch):
-    def killed(*_):
+    create = trace_writer.create
+
+    def killed(*args, **settings):
+        create(*args, **settings)
         assert not file.exists()
         raise OSError(5, "killed here")
 
-    monkeypatch.setattr(trace_writer, "_name", killed)
+    monkeypatch.setattr(trace_writer, "create", killed)
     with pytest.raises(OSError, match="killed here"):
         writer(file)
     assert list(file.parent.iterdir()) == []

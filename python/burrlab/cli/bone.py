@@ -49,7 +49,7 @@ from burrlab.cli.recipe import (
     transposed,
     unknown_colours,
 )
-from burrlab.common.check import refuse
+from burrlab.common.check import error_prefix, refuse
 from burrlab.common.files import write_text
 from burrlab.common.records import law_of
 from burrlab.theory.continuum import Law
@@ -172,11 +172,9 @@ def _kept_as(path: str | None, recipe: Recipe | DrilledRecipe | None) -> Volume 
         return None
     if recipe is None:
         raise ValueError(f"--save: a block has no volume: the file must end in .h5, got {path}")
-    try:
+    with error_prefix("--save: ", (ValueError, OSError)):
         like = recipe.like()
         check_drilled(Path(path), like, recipe.mapping)
-    except (ValueError, OSError) as error:
-        raise ValueError(f"--save: {error}") from None
     return like
 
 
@@ -198,8 +196,9 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     """
     counts = label_counts(labels.labels, labels.path)
     if tissues is None:
-        unnamed = {0: UNLABELLED}
-        known = {label: known_tissue(labels.names.get(label) or unnamed.get(label, "")) for label in counts}
+        known = {
+            label: known_tissue(labels.names.get(label) or UNLABELLED * (label == 0)) for label in counts
+        }
         tissue_names = {label: tissue.name for label, tissue in known.items() if tissue is not None}
     else:
         tissue_names = {0: UNLABELLED, **{tissue.label: tissue.name for tissue in tissues}}

@@ -19,6 +19,7 @@ from burrlab.cli.options import (
     plot,
     refuse_options,
     save_figure,
+    say,
 )
 from burrlab.cli.recipe import chosen_specimen, material_on
 from burrlab.common.check import refuse
@@ -111,7 +112,7 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
     ]
     for file, data in zip(getattr(options, kind), data_sets, strict=True):
         if "read" in data.provenance:
-            print(f"burrlab: {file}: {data.provenance['read']}", file=sys.stderr)
+            say(f"{file}: {data.provenance['read']}")
     return data_sets
 
 

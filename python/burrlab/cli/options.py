@@ -16,19 +16,16 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import burrlab
 from burrlab._core import Material, Shape, shape_names
-from burrlab.common.check import refuse
+from burrlab.common.check import error_prefix, refuse
+from burrlab.common.figures import Axes
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import Column, Problem, Table, not_negative
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Options = argparse.Namespace
 Numbers = tuple[float, float, float]
@@ -129,10 +126,8 @@ def shape(text: str) -> Shape:
 
     table = Table(tuple(Column(name, check=not_negative, due="a number") for name in "xf"), rule=rule)
     name, _, columns = table.read(text)
-    try:
+    with error_prefix(f"{name}: "):
         return Shape.from_table(columns["x"], columns["f"])
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")

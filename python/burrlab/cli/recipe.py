@@ -1,7 +1,6 @@
 """The bone that the options of a command describe: its volume, its labels, and where a descent begins."""
 
 import contextlib
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -39,10 +38,10 @@ def transposed(options: Options, *paths: str | None) -> bool | None:
     return None if options.transpose is None else bool(options.transpose)
 
 
-def chosen_recipe(options: Options, material: Material, burr: Burr | None = None) -> Recipe | None:
+def chosen_recipe(options: Options, material: Material) -> Recipe | None:
     """The recipe that the options describe; None without --volume and --labels.
 
-    ValueError for options that contradict one another, or a burr too small for the voxels.
+    ValueError for options that contradict one another.
     """
     transpose = transposed(options, options.volume, options.labels)
     volume, labels = options.volume is not None, options.labels is not None
@@ -58,10 +57,7 @@ def chosen_recipe(options: Options, material: Material, burr: Burr | None = None
         options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
         transpose if is_stack(options.volume) else None,
     )  # fmt: skip
-    recipe = _labelled(options, material, grey, transpose) if labels else grey
-    if burr is not None and recipe is not None:
-        recipe.check_burr(burr)
-    return recipe
+    return _labelled(options, material, grey, transpose) if labels else grey
 
 
 def _labelled(
@@ -97,9 +93,10 @@ def chosen_specimen(options: Options, burr: Burr, material: Material) -> Specime
         require_options(options, ("map", *PLACE), "--volume")
     elif options.labels is not None:
         require_options(options, PLACE, "--labels")
-    recipe = chosen_recipe(options, material, burr)
+    recipe = chosen_recipe(options, material)
     if recipe is None:
         return None
+    recipe.check_burr(burr)
     recipe = _within_reach(recipe, options, burr)
     specimen = recipe.specimen(entry=options.entry, axis=options.axis)
     say_notes(recipe)
@@ -133,4 +130,4 @@ def _within_reach(recipe: Recipe, options: Options, burr: Burr) -> Recipe:
 def say_notes(recipe: Recipe | DrilledRecipe) -> None:
     """Prints the assumptions about the bone to standard error."""
     for note in recipe.notes():
-        print(f"burrlab: {note}", file=sys.stderr)
+        say(note)

@@ -38,7 +38,7 @@ from burrlab.cli.options import (
     working,
 )
 from burrlab.cli.recipe import OF_LABELS, PLACE, chosen_recipe, say_notes
-from burrlab.common.check import refuse
+from burrlab.common.check import error_prefix, refuse
 from burrlab.common.files import kept_elsewhere, new_file
 from burrlab.effects.companion import Companion
 from burrlab.foreign.volumetric_drilling import (
@@ -261,10 +261,8 @@ def _kept(options: Options, start: BoneStart, session: burrlab.Session) -> Itera
 
 def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: int) -> Device:
     place = start.place
-    try:
+    with error_prefix("--device "):
         device = parse_device(text)
-    except ValueError as error:
-        raise ValueError(f"--device {error}") from None
     if device.kind == "hand":
         if number > 0 and place:
             beside = np.cross(place.get("into", (0.0, 0.0, -1.0)), place.get("along", (1.0, 0.0, 0.0)))
@@ -344,7 +342,7 @@ def do_replica(options: Options) -> int:
     show_line("")
     anatomy = replica_report(replica)
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    text = status_text(status, interrupted=interrupted)
+    text = status_text(status)
     if anatomy is not None:
         text += f"\n{anatomy}"
         status["anatomy"] = anatomy.to_dict()
@@ -425,7 +423,6 @@ def do_metrics(options: Options) -> None:
 def do_export(options: Options) -> None:
     ending = Path(options.out).suffix.lower()
     refuse(ending not in _EXPORTS, f"--out must end in {', '.join(_EXPORTS)}, got {options.out}")
-    refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     of_volume = options.volume is not None or options.labels is not None
     for applies, names, why in (
         (ending != ".hdf5", ("burr", "old"), "goes with --out FILE.hdf5"),

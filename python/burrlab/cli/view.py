@@ -1,6 +1,5 @@
 """Views of bones, volumes and traces on the command line: burrlab view."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from burrlab.cli.options import (
     on_terminal,
     refuse_options,
     save_figure,
+    say,
     sentence,
 )
 from burrlab.cli.recipe import OF_LABELS, chosen_recipe, say_notes
@@ -187,7 +187,7 @@ def _player(options: Options) -> tuple[Player, list[str]]:
         recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
         bone, notes, source = _chosen_bone(options)
         shown = RecordingPlayer(recording, bone, source)
-        print(f"burrlab: {shown.note}", file=sys.stderr)
+        say(shown.note)
         return shown, [*notes, shown.note]
     try:
         player = TracePlayer(load_trace(options.file))

@@ -9,7 +9,7 @@ import os
 import re
 import reprlib
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,15 +29,13 @@ def real(value: object, name: str) -> NDArray[np.float64]:
     """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400, masked and anything not real."""
     if np.ma.is_masked(value):
         raise ValueError(f"{name} must have no masked numbers: leave them out, got {shown(value)}")
-    try:
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
         numbers = np.asarray(value)
         texts = numbers.dtype.kind == "O" and any(
             isinstance(element, str | bytes) for element in numbers.flat
         )
         if numbers.dtype.kind in "iufO" and not texts:
             return np.array(numbers, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        pass
     raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
 
 
@@ -171,6 +169,17 @@ def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
     except ImportError:
         needed = usual_name or module.partition(".")[0]
         raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
+
+
+@contextlib.contextmanager
+def error_prefix(
+    prefix: str, kinds: type[Exception] | tuple[type[Exception], ...] = ValueError
+) -> Iterator[None]:
+    """An error of these kinds becomes a ValueError whose sentence begins with the prefix."""
+    try:
+        yield
+    except kinds as error:
+        raise ValueError(f"{prefix}{error}") from None
 
 
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:

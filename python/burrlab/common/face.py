@@ -1,6 +1,5 @@
 """Faces of packages: public names from a stub, imported at first use."""
 
-import importlib
 import importlib.util
 import re
 import sys

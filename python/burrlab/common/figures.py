@@ -120,11 +120,11 @@ def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how:
 
 def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """A plot's usual look with what its caller asks for; None keeps the usual."""
-    from matplotlib.cbook import normalize_kwargs
-    from matplotlib.lines import Line2D
+    from matplotlib import cbook, lines
 
-    chosen = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
-    return normalize_kwargs(usual, Line2D) | chosen
+    chosen = cbook.normalize_kwargs(style, lines.Line2D)
+    usual = cbook.normalize_kwargs(usual, lines.Line2D)
+    return usual | {name: value for name, value in chosen.items() if value is not None}
 
 
 def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
@@ -194,10 +194,9 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
             if not unknown or unknown[1] not in kwargs:
                 raise
-            from matplotlib.artist import ArtistInspector
-            from matplotlib.lines import Line2D
+            from matplotlib import artist, lines
 
-            near = nearest(unknown[1], ArtistInspector(Line2D).get_setters())
+            near = nearest(unknown[1], artist.ArtistInspector(lines.Line2D).get_setters())
             raise TypeError(f"a plot has no property {unknown[1]!r}{near}") from None
         for axes in drawn if isinstance(drawn, list) else [drawn]:
             for name, interval in zip("xy", limits.get(axes, ()), strict=False):

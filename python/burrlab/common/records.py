@@ -1,6 +1,5 @@
 """Reads JSON text with one-sentence errors; converts results to plain objects for JSON, and back."""
 
-import dataclasses
 import functools
 import json
 import math
@@ -9,12 +8,24 @@ import re
 import reprlib
 import textwrap
 import types
-import typing
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, TypeVar, cast
+from typing import (
+    IO,
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Literal,
+    Self,
+    TypeAlias,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 
@@ -157,17 +168,17 @@ class Codec:
             (_is(tuple, list), lambda value: [self.plain(part) for part in value]),
         ):
             hooks.register_unstructure_hook_func(holds, write)
-        hooks.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
+        hooks.register_unstructure_hook_factory(is_dataclass, self._taken_apart)
         for kind in (int, str, bool):
             hooks.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
         hooks.register_structure_hook(float, self._number)
         hooks.register_structure_hook_func(is_of_core, _of_state)
         hooks.register_structure_hook_func(_is(np.ndarray), self._array)
-        hooks.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
+        hooks.register_structure_hook_func(lambda kind: get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
         for holds, make in (
             (_is(Mapping), _mapping),
             (_is_list, _sequence),
-            (dataclasses.is_dataclass, self._put_together),
+            (is_dataclass, self._put_together),
         ):
             hooks.register_structure_hook_factory(holds, make)
         hooks.register_structure_hook_func(_is_choice, self._chosen)
@@ -243,8 +254,8 @@ class Codec:
 
     def _chosen(self, value: Any, union: Any) -> Any:
         """Value of a field that may hold several types."""
-        some = [kind for kind in typing.get_args(union) if kind is not type(None)]
-        if value is None and len(some) < len(typing.get_args(union)):
+        some = [kind for kind in get_args(union) if kind is not type(None)]
+        if value is None and len(some) < len(get_args(union)):
             return None
         if isinstance(value, dict) and self._kinds:
             name, rest = str(value.get("kind")), {key: part for key, part in value.items() if key != "kind"}
@@ -253,7 +264,7 @@ class Codec:
                 f"kind must be one of {', '.join(self._kinds)}, got {reprlib.repr(name)}",
             )
             return self._converter.structure(rest, self._kinds[name])
-        parts = [kind for kind in some if dataclasses.is_dataclass(kind) and isinstance(value, dict)]
+        parts = [kind for kind in some if is_dataclass(kind) and isinstance(value, dict)]
         fitting: list[Any] = [
             kind for kind in parts if {f.name for f in fields(kind) if f.init} == set(value)
         ]
@@ -312,19 +323,19 @@ def _is(*kinds: type) -> Callable[[Any], bool]:
     """A test of whether a field's declared type is one of `kinds`."""
 
     def asked(declared: Any) -> bool:
-        origin = typing.get_origin(declared) or declared
+        origin = get_origin(declared) or declared
         return isinstance(origin, type) and issubclass(origin, kinds)
 
     return asked
 
 
 def _is_list(declared: Any) -> bool:
-    return (typing.get_origin(declared) or declared) in (list, tuple)
+    return (get_origin(declared) or declared) in (list, tuple)
 
 
 def _is_choice(declared: Any) -> bool:
-    some = {*typing.get_args(declared)} - {type(None)}
-    return typing.get_origin(declared) in (typing.Union, types.UnionType) and len(some) > 1
+    some = {*get_args(declared)} - {type(None)}
+    return get_origin(declared) in (Union, types.UnionType) and len(some) > 1
 
 
 def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
@@ -334,7 +345,7 @@ def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
 
 
 def _one_of(value: Any, declared: Any) -> Any:
-    some = typing.get_args(declared)
+    some = get_args(declared)
     refuse(value not in some, f"must be one of {', '.join(some)}, got {reprlib.repr(value)}")
     return value
 
@@ -342,7 +353,7 @@ def _one_of(value: Any, declared: Any) -> Any:
 def _mapping(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.gen import mapping_structure_factory
 
-    key, part = typing.get_args(declared) or (Any, Any)
+    key, part = get_args(declared) or (Any, Any)
     structure: Any = mapping_structure_factory(dict[key, part], converter)  # type: ignore[valid-type]
     return lambda value, _: structure(_of_type((dict,), value, dict), dict)
 
@@ -350,8 +361,8 @@ def _mapping(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]
 def _sequence(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.cols import list_structure_factory
 
-    kinds = typing.get_args(declared) or (Any, ...)
-    make = typing.get_origin(declared) or declared
+    kinds = get_args(declared) or (Any, ...)
+    make = get_origin(declared) or declared
     alike = make is list or kinds[-1] is Ellipsis or len(set(kinds)) == 1
     listed = list_structure_factory(list[kinds[0]], converter)  # type: ignore[valid-type]
 

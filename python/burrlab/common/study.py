@@ -414,7 +414,6 @@ class Study(Generic[Item, Result]):
         executor = self._executor or ThreadPoolExecutor(min(cores(), len(missing)))
         most = len(missing)
         over = threading.Event()
-        ended = False
         try:
             while missing or self._open:
                 wait = not missing or len(self._open) >= max(_AHEAD, 2 * len(self._workers))
@@ -429,14 +428,12 @@ class Study(Generic[Item, Result]):
                         raise self._interrupted(ConnectionError("the client is closed")) from None
                 else:
                     yield from self._take(future)
-            ended = True
         finally:
             self._withdraw(executor)
             over.set()
             if executor is not self._executor:
                 executor.shutdown(wait=True)
-            if not ended:
-                self._keep_finished()
+            self._keep_finished()
 
     def _size(self, executor: Executor, most: int) -> int:
         """Items of the next message: so many that handing it out takes a small part of its time."""

@@ -153,17 +153,15 @@ class Table:
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
         columns = self._columns(f"{name}, line {line}", header, faults, others)
+        due = f"{len(columns)} fields are due ({listed(heading for heading, _ in columns)})"
         where = ""
         for line, content in lines:
             where = f"{name}, line {line}"
             try:
                 texts = _fields(where, content)
+                refuse(len(texts) != len(columns), f"{where}: {due}, found {len(texts)}")
             except ValueError as error:
                 faults.append(str(error))
-                continue
-            if len(texts) != len(columns):
-                headings = listed(heading for heading, _ in columns)
-                faults.append(f"{where}: {len(columns)} fields are due ({headings}), found {len(texts)}")
                 continue
             row = list(zip(columns, texts, strict=True))
             if others:
@@ -367,7 +365,6 @@ NOTHING = "n/a"
 class TextTable(NamedTuple):
     """The fields of a file as text."""
 
-    name: str  #: Of the file.
     columns: tuple[str, ...]
     rows: tuple[tuple[int, Mapping[str, str]], ...]  #: Number of each line from 1, and its fields by column.
 
@@ -399,7 +396,7 @@ def parse(name: str, content: bytes) -> TextTable:
             f"{name}, line {place}: {len(columns)} fields are due, found {len(texts)}",
         )
         rows.append((place, dict(zip(columns, texts, strict=True))))
-    return TextTable(name, tuple(columns), tuple(rows))
+    return TextTable(tuple(columns), tuple(rows))
 
 
 def line(fields: Sequence[str]) -> bytes:

@@ -85,18 +85,16 @@ class SessionAnatomy:
 _TOLD = 5  # how many of the last faults and divergences are told
 
 
-def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
+def status_text(status: Mapping[str, Any]) -> str:
     """A replica's status as text: its end, its comparisons, its connections.
 
     Parameters
     ----------
     status : mapping
-        `Replica.status` with the bone's `digest`.
-    interrupted : bool
-        Whether its user interrupted it.
+        `Replica.status` with the bone's `digest`, and `interrupted` if its user did so.
     """
     how = "failed" if status["failed"] else "ended"
-    end = "interrupted" if interrupted else f"{how} ({status['reason']})"
+    end = "interrupted" if status.get("interrupted") else f"{how} ({status['reason']})"
     dropped = [f"{count} {reason}" for reason, count in status["dropped"].items() if count]
     lines = [
         f"{end}: tick {status['tick']}, digest {status['digest']}",

@@ -136,8 +136,8 @@ class SessionMetrics:
 
     def _repr_html_(self) -> str:
         figures, values = zip(*self._rows(), strict=True)
-        columns = {"figure": list(figures), "value": list(values)}
-        table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", columns)
+        title = f"Burr {self.burr}, threshold {self.threshold:g} N"
+        table = html_table(title, {"figure": figures, "value": values})
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     @drawing

@@ -5,15 +5,14 @@ import math
 import os
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import VoxelBone, most_watch_events
+from burrlab._core import RecordReader, VoxelBone, most_watch_events
 from burrlab.anatomy.events import EVENT_DTYPE, Watched
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
@@ -32,13 +31,6 @@ _INTERVAL = 0.02  # [s] between two looks at the ring
 _MOST = 20_000  # records taken at once
 _write = os.pwrite  # a name of its own, for tests with a full disk
 _BROKEN = _OVERWRITTEN, _CUT = "was overwritten", "was cut short"  # by another program
-
-
-class Reader(Protocol):
-    """A source of records, such as a loop's `RecordReader`."""
-
-    def take(self, most: int = ...) -> tuple[NDArray[np.void], bool]:
-        """(records since the last call, whether some were lost before the next)"""
 
 
 @dataclass
@@ -102,7 +94,7 @@ class TraceWriter:
     def __init__(
         self,
         path: str | os.PathLike[str],
-        reader: Reader,
+        reader: RecordReader,
         bone: VoxelBone,
         header: TraceHeader,
         *,
@@ -116,17 +108,9 @@ class TraceWriter:
         rows = max(1, math.ceil(duration * 1000.0 / header.period))
         digests = math.ceil(duration / min(digest_every, 1.0)) + 16
         refuse(self.path.exists(), f"path must be a new file, {self.path} exists", FileExistsError)
-        with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
-            try:
-                self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
-            except (RuntimeError, ValueError) as error:  # raised by HDF5 if a limit is too small
-                raise OSError(f"{self.path} could not be made: {error}") from None
-            except OSError as error:
-                if error.filename != os.fspath(part):
-                    raise
-                raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
-            _name(part, self.path)
-        self._reader: Reader | None = reader
+        with _named_at_end(self.path) as part:
+            self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
+        self._reader: RecordReader | None = reader
         self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
         self._row_bytes, self._room, self.recorded = row_dtype(self._burrs).itemsize, rows, 0
         self.ended = self.warning = self.rescued = ""
@@ -186,7 +170,6 @@ class TraceWriter:
             self._wake.set()
             (self._run if self._thread.ident is None else self._thread.join)()
             self._finish_file()
-            self._on_end = None  # a session's method: this cycle would keep two bones alive
 
     def _run(self) -> None:
         damage = ""
@@ -323,21 +306,32 @@ class TraceWriter:
             os.close(self._file)
 
     def _rescue(self, place: str) -> None:
-        with new_part(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
-            try:
-                make_compact(raw, part)
-            except (RuntimeError, ValueError, KeyError) as error:
-                raise OSError(f"{place} could not be made: {error}") from None
-            _name(part, Path(place))
+        with _named_at_end(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
+            make_compact(raw, part)
 
 
-def _name(part: Path, path: Path) -> None:
-    """Gives a file its name, unless that name is taken."""
-    try:
-        os.link(part, path)
-    except FileExistsError:
-        raise FileExistsError(f"path must be a new file, {path} exists") from None
-    except OSError:  # a file system without hard links
-        part.rename(path)
-    else:
-        part.unlink()
+@contextlib.contextmanager
+def _named_at_end(path: Path) -> Iterator[Path]:
+    """A file to fill: it gets its name at the end, unless that name is taken. A kill before leaves none of the name.
+
+    OSError that names the path if it cannot be made.
+    """
+    with new_part(path) as part:
+        try:
+            yield part
+        except (
+            RuntimeError,
+            ValueError,
+            KeyError,
+        ) as error:  # by HDF5: a limit is too small, the file is damaged
+            raise OSError(f"{path} could not be made: {error}") from None
+        except OSError as error:
+            if error.filename != os.fspath(part):
+                raise
+            raise type(error)(error.errno, error.strerror, os.fspath(path)) from None
+        try:
+            os.link(part, path)
+        except FileExistsError:
+            raise FileExistsError(f"path must be a new file, {path} exists") from None
+        except OSError:  # a file system without hard links
+            part.rename(path)

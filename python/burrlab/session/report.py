@@ -17,7 +17,7 @@ from burrlab.session.recorder import TraceWriter
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
-_QUANTILES = (0.5, 0.99, 0.999)
+_QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 _NAMES = {
     "tick_time": "tick, CPU time", "wall_time": "tick, wall time",
     "jitter": "period jitter", "lateness": "after its deadline",
@@ -80,12 +80,12 @@ class SessionReport:
         publisher: Publisher | None,
         writer: TraceWriter | None,
         messages: Sequence[str],
-        anatomy: AnatomyReport | None = None,
-        notes: Sequence[str] = (),
-        limits: Sequence[DeviceLimits] = (),
+        anatomy: AnatomyReport | None,
+        notes: Sequence[str],
+        limits: Sequence[DeviceLimits],
     ) -> "SessionReport":
-        """The present report of these parts."""
-        counts, burrs = loop.counts, range(loop.executor.burrs)
+        """The present report of these parts; `limits` are one a burr."""
+        counts = loop.counts
         models = [
             {} if x.stiffness is None else {"model": x.model, "model_stiffness_N_per_mm": x.stiffness}
             for x in limits
@@ -101,7 +101,7 @@ class SessionReport:
             **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
             times={
                 name: {
-                    **{_key(q): h.quantile(q) for q in _QUANTILES},
+                    **{key: h.quantile(q) for key, q in _QUANTILES.items()},
                     "max": h.largest if h.count else math.nan,
                 }
                 for name, h in histograms.items()
@@ -109,8 +109,8 @@ class SessionReport:
             histograms={name: h.counts for name, h in histograms.items()},
             edges=histograms["jitter"].edges,
             follower=follower.status,
-            stability=[{**follower.stability(burr), **(models[burr] if models else {})} for burr in burrs],
-            energy=[loop.energy(burr) for burr in burrs],
+            stability=[{**follower.stability(burr), **model} for burr, model in enumerate(models)],
+            energy=[loop.energy(burr) for burr in range(len(models))],
             network={} if publisher is None else publisher.status,
             recording=recording,
             notes=(*loop.realtime_notes, *notes),
@@ -133,7 +133,7 @@ class SessionReport:
         lines = [
             f"{self.state}: {self.ticks} ticks, {self.late} with k > 1, {self.missed} deadlines missed, "
             f"{self.dropped} periods dropped",
-            f"  {'[us]':<20}" + "".join(f"{q:>9}" for q in ("p50", "p99", "p99.9", "max")),
+            f"  {'[us]':<20}" + "".join(f"{q:>9}" for q in (*_QUANTILES, "max")),
             *(
                 f"  {_NAMES[name]:<20}" + "".join(f"{value:9.1f}" for value in times.values())
                 for name, times in self.times.items()
@@ -196,9 +196,9 @@ class SessionReport:
                 counts, edges = _coarser(counts, edges)
                 axes.stairs(counts, edges, **{"color": FORCE, "fill": True, **style})
                 axes.set(xscale="log", yscale="log", ylim=(0.5, 4 * counts.max()))
-                for q, line in zip(_QUANTILES, ("-", "--", ":"), strict=True):
-                    value = self.times[name][_key(q)]
-                    axes.axvline(value, color=REFERENCE, linestyle=line, label=f"{_key(q)}: {value:.3g} µs")
+                for key, line in zip(_QUANTILES, ("-", "--", ":"), strict=True):
+                    value = self.times[name][key]
+                    axes.axvline(value, color=REFERENCE, linestyle=line, label=f"{key}: {value:.3g} µs")
             else:
                 axes.text(0.5, 0.5, "not measured", ha="center", transform=axes.transAxes)
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
@@ -214,7 +214,3 @@ def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:
     edges[-1] = edges[-2] ** 2 / edges[-3]
     used = np.flatnonzero(counts)
     return counts[used[0] : used[-1] + 1], edges[used[0] : used[-1] + 2]
-
-
-def _key(q: float) -> str:
-    return f"p{100 * q:g}"

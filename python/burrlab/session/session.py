@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import functools
 import json
 import os
 import signal
@@ -137,7 +138,15 @@ class Session:
         self.tools: list[Tool] = _listed(
             tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
         )
-        self.devices, self._frames, loop_frames = _placed(devices)
+        placed = _listed(
+            devices,
+            _is_device,
+            "devices must be a Device or a list of them, each alone or with its DeviceFrame",
+        )
+        framed = [device if isinstance(device, tuple) else (device, DeviceFrame()) for device in placed]
+        self.devices: list[Device] = [device for device, _ in framed]
+        self._frames: list[DeviceFrame] = [frame for _, frame in framed]
+        loop_frames = self._frames if any(isinstance(device, tuple) for device in placed) else []
         self.seed = seed_or_new(seed)
         start = bone if isinstance(bone, StartingBone) else StartingBone(bone)
         self._limits = ForceLimits(safety, self.devices, len(self.tools), clock.rate)
@@ -255,7 +264,7 @@ class Session:
         )  # fmt: skip
         return TraceWriter(
             record, RecordReader(self.loop), self._executor.bone, header, duration=duration,
-            digest_every=digest_every, on_end=_weakly(self._say),
+            digest_every=digest_every, on_end=functools.partial(_say_weakly, weakref.ref(self)),
         )  # fmt: skip
 
     def start(self) -> "Session":
@@ -556,15 +565,10 @@ def _end_by_signal(number: int, _: object) -> None:
     signal.raise_signal(number)
 
 
-def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
-    """A function that calls a method without keeping its object alive."""
-    weak = weakref.WeakMethod(method)
-
-    def call(text: str) -> None:
-        if (alive := weak()) is not None:
-            alive(text)
-
-    return call
+def _say_weakly(session: weakref.ref[Session], text: str) -> None:
+    """`Session._say` for a thread that must not keep the session alive."""
+    if (alive := session()) is not None:
+        alive._say(text)
 
 
 def _ticks_and_room(duration: float | None, rate: float) -> tuple[int, float]:
@@ -594,17 +598,3 @@ def _is_tool(tool: object) -> bool:
 def _is_device(device: object) -> bool:
     pair = device if isinstance(device, tuple) and len(device) == 2 else (device, DeviceFrame())
     return isinstance(pair[0], Device) and isinstance(pair[1], DeviceFrame)
-
-
-def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceFrame]]:
-    """The devices, the frame of each, and the same frames for the loop: none if no device has one."""
-    listed = _listed(
-        devices, _is_device, "devices must be a Device or a list of them, each alone or with its DeviceFrame"
-    )
-    framed = [device if isinstance(device, tuple) else (device, DeviceFrame()) for device in listed]
-    frames = [frame for _, frame in framed]
-    return (
-        [device for device, _ in framed],
-        frames,
-        frames if any(isinstance(device, tuple) for device in listed) else [],
-    )

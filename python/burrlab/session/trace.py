@@ -28,8 +28,8 @@ from burrlab.bone.snapshot import (
     told_as_damage,
     write_bone,
 )
-from burrlab.common.check import refuse
-from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
+from burrlab.common.check import error_prefix, refuse
+from burrlab.common.files import attributes, new_hdf5, put_attributes
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import dataframe
@@ -105,10 +105,8 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
 
 def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str:
     """A mapping as JSON; ValueError if JSON cannot hold it."""
-    try:
+    with error_prefix(f"{name} must be what JSON holds: ", (TypeError, ValueError)):
         return json.dumps(dict(value or {}), allow_nan=False, **options)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be what JSON holds: {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +163,7 @@ class TraceHeader:
 def create(
     path: Path, bone: VoxelBone, header: TraceHeader, *, capacity: int, digest_capacity: int
 ) -> dict[str, int]:
-    """Makes the file without ticks; returns byte offsets of its datasets, those of a watch among them.
+    """Fills an empty file, without ticks; returns byte offsets of its datasets, those of a watch among them.
 
     The tables are allocated at once and never filled. On file systems with sparse files they take room only
     as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
@@ -173,8 +171,6 @@ def create(
     """
     tools, period = header.tools, header.period
     row = file_dtype(len(tools))
-    check_folder(path)
-    path.touch()
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:

@@ -14,7 +14,6 @@ from burrlab import (
     Clock,
     IgtlDevice,
     MailboxDevice,
-    OccupancyMap,
     Publish,
     ReplayDevice,
     Session,
@@ -23,9 +22,8 @@ from burrlab import (
     _core,
     load_trace,
     materials,
-    read_volume,
 )
-from burrlab.session.network import block_recipe, follow, make_bone, open_publisher, volume_recipe
+from burrlab.session.network import block_recipe, follow, make_bone, open_publisher
 
 
 @pytest.fixture(scope="module")
@@ -38,21 +36,6 @@ def test_block_recipe_survives_json():
     recipe = json.loads(json.dumps(block_recipe((3, 2, 1), 0.1, origin=(0.1, 1 / 3, -1e-9), level=200)))
     bone = VoxelBone.block((3, 2, 1), 0.1, origin=(0.1, 1 / 3, -1e-9), level=200)
     assert make_bone(recipe).digest() == bone.digest()
-
-
-def test_volume_recipe(tmp_path):
-    sitk = pytest.importorskip("SimpleITK")
-    image = sitk.GetImageFromArray(np.random.default_rng(1).integers(0, 1000, (9, 10, 11), dtype=np.int16))
-    for name in ("here.nrrd", "there.nrrd"):
-        sitk.WriteImage(image, str(tmp_path / name))
-    mapping = OccupancyMap.two_point(100, 900)
-    recipe = volume_recipe(tmp_path / "here.nrrd", mapping)
-    bone = read_volume(tmp_path / "there.nrrd").to_bone(mapping)
-    assert make_bone(json.loads(json.dumps(recipe))).digest() == bone.digest()
-    (tmp_path / "here.nrrd").unlink()
-    assert make_bone(recipe, volume=tmp_path / "there.nrrd").digest() == bone.digest()
-    with pytest.raises(FileNotFoundError, match=r"here\.nrrd: no such file"):
-        make_bone(recipe)
 
 
 @pytest.mark.parametrize(
@@ -163,12 +146,6 @@ def test_replica_is_started_once(leader):
         (replica.fetch_hello, "hello must be fetched before the replica is started"),
     )
     replica.stop()
-
-
-def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
-    """The path is absolute, as a replica seldom runs in the leader's folder."""
-    monkeypatch.chdir(tmp_path)
-    assert volume_recipe("here.nrrd", OccupancyMap.two_point(0, 1))["path"] == str(tmp_path / "here.nrrd")
 
 
 def test_orientation_and_buttons_survive_the_way(tmp_path):

@@ -1,9 +1,12 @@
-"""Recipes of bones from volumes are kept by JSON, results and their files."""
+"""Bones from volumes: their recipes in JSON, results and files, on the command line, and blocks for experiments."""
 
 import json
 
 import numpy as np
 import pytest
+from command_line import result, said
+from drilled_scenes import stack
+from PIL import Image
 
 from burrlab import (
     Burr,
@@ -15,27 +18,37 @@ from burrlab import (
     force_sweep,
     materials,
     read_volume,
+    write_volume,
 )
+from burrlab.bone.recipe import VolumeRecipe, cut_block
+from burrlab.cli import main
+from burrlab.psychophysics.protocol import Protocol
 from burrlab.session.network import make_bone, volume_recipe
-from burrlab.volume import VolumeRecipe, load_drilled, save_drilled, write_dicom
+from burrlab.volume import load_drilled, save_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
 
 BONE = materials["bone"]
-MAP = OccupancyMap.two_point(0, 1)
+MAP = OccupancyMap.two_point(0, 1000)
 
 
-def test_recipe_through_json(tmp_path):
-    volume, _ = slab(tmp_path / "ct.nrrd")
+def test_recipe_through_json(here):
+    """Its path is absolute, as a replica seldom runs in the leader's folder; the file may be elsewhere there."""
+    volume, _ = slab(here / "ct.nrrd")
     crop = (volume.origin.tolist(), (volume.origin + ASKEW @ (9, 9, 9)).tolist())
     table = OccupancyMap.table([-1000, 1000], [0.1, 0.9])
-    recipe = volume_recipe(tmp_path / "ct.nrrd", table, crop=crop, voxel=(0.2, 0.2, 0.3), spacing=0.4)
+    recipe = volume_recipe("ct.nrrd", table, crop=crop, voxel=(0.2, 0.2, 0.3), spacing=0.4)
+    assert recipe["path"] == str(here / "ct.nrrd")
     again = VolumeRecipe.of(json.loads(json.dumps(recipe)))
     assert again.plain() == recipe
-    direct = read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
+    direct = read_volume("ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
     assert make_bone(json.loads(json.dumps(recipe))).digest() == direct.digest() == again.bone().digest()
-    assert again.at(tmp_path / "ct.nrrd") == again
+    assert again.at(here / "ct.nrrd") == again
+    there = (here / "ct.nrrd").rename(here / "there.nrrd")
+    assert make_bone(recipe, volume=there).digest() == direct.digest()
+    with pytest.raises(FileNotFoundError, match=r"ct\.nrrd: no such file"):
+        make_bone(recipe)
 
 
 @pytest.mark.parametrize(
@@ -52,10 +65,9 @@ def test_parameters_that_are_wrong(options, match):
 
 
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
-    image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)
     write_dicom(tmp_path / "ct", Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made"))
-    image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
+    Image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
     found = VolumeRecipe(tmp_path / "ct", MAP).volume()
     np.testing.assert_array_equal(found.values, values)
     save_drilled(tmp_path / "kept", found.to_bone(MAP), found, mapping=MAP)
@@ -88,3 +100,199 @@ def test_results_keep_how_the_bone_was_made(tmp_path):
         assert any(note.startswith("cropped to voxels") for note in made["notes"])
         assert VolumeRecipe.of(made["recipe"]) == recipe
         assert make_bone(made["recipe"]).digest() == specimen.bone.digest()
+
+
+def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
+    volume, way = slab(tmp_path / "ct.nrrd")
+    ask = ["descend", "--force", "0.3", "--radius", "1", "--ideal", "--seed", "1", *way]
+    ask += ["--volume", tmp_path / "ct.nrrd", "--map", "-1000:1000"]
+    small = "radius of the burr must be at least 4 voxels of 0.4 mm, got 1 mm; --voxel 0.13 (voxel=0.13) makes finer ones"
+    assert small in said(capsys, *ask, status=2)
+    low, high = volume.patient_point((5, 5, 0)), volume.patient_point((15, 15, 12))
+    crop = ":".join(",".join(map(repr, (volume.origin + corner).tolist())) for corner in (low, high))
+    sunk = result(capsys, *ask, "--voxel", "0.13", "--crop", crop)
+    made = sunk["provenance"]["volume"]
+    assert (sunk["status"], made["voxel_mm"], made["recipe"]["map"], make_bone(made["recipe"]).spacing) == (
+        "ok", [0.13] * 3, [-1000, 1000], (0.13,) * 3,
+    )  # fmt: skip
+    fine, _ = slab(tmp_path / "fine.nrrd", 0.1)
+    direct = descend(
+        Burr(1.0), BONE, 0.3, specimen=fine.specimen(OccupancyMap.two_point(-1000, 1000), entry=fine.origin + ASKEW @ (10, 10, 11.5),
+        axis=-ASKEW[:, 2]), seed=1, ideal=True,
+    )  # fmt: skip
+    # The interpolated rim is 0.4 mm wide and the burr meets less bone at first: velocities are only similar.
+    assert sunk["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
+
+
+def test_an_assumed_orientation_is_printed(tmp_path, capsys):
+    """The file has no orientation in the patient."""
+    head = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 20 12\nspacings: 0.5 0.5 0.5\nencoding: raw\n\n"
+    (tmp_path / "ct.nrrd").write_bytes(head + bytes([200]) * 4800)
+    ask = ["--volume", tmp_path / "ct.nrrd", "--map", "0:100", "--seed", "1", "--radius", "2.5"]
+    ask += ["--entry", "4.75,4.75,7", "--axis", "0,0,-1"]
+    for command in (
+        ["descend", "--force", "1", "--ideal"],
+        ["session", "--device", "hand", "--duration", "0.05", "--no-realtime"],
+    ):
+        told = said(capsys, *command, *ask)
+        assert "burrlab: the NRRD header" in told
+        assert "L, P, S" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--spacing", "1"], "--spacing goes with --volume"),
+        (["--crop", "1,1,1:2,2,2"], "--crop goes with --volume"),
+        (["--series", "1"], "--series goes with --volume"),
+        (["--crop", "1,1,1"], "--crop: must be X,Y,Z:X,Y,Z, got '1,1,1'"),
+        (["--crop", "1,1,nan:1,1,1"], "--crop: must be X,Y,Z:X,Y,Z of finite numbers"),
+        (["--spacing", "1,1"], "--spacing: must be positive X,Y,Z, got '1,1'"),
+        (["--spacing", "0"], "--spacing: must be positive X,Y,Z, got '0'"),
+        (["--map", "0:0,1"], "--map: must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '0:0,1'"),
+    ],
+)
+@pytest.mark.parametrize("command", [["descend", "--force", "1"], ["session", "--device", "hand"]])
+def test_wrong_options(capsys, command, words, message):
+    assert message in said(capsys, *command, *words, status=2)
+
+
+PROTOCOL = """
+[experiment]
+name = "volume"
+seed = 3
+subjects = 1
+[burr]
+radius_mm = 2.0
+[bone]
+size_mm = [12, 12, 6]
+voxel_mm = 0.5
+volume = "ct.nrrd"
+map = "0:1000"
+entry_mm = {entry}
+axis = {axis}
+[tasks.probing]
+design = "same-different"
+a = "bone"
+b = "pvc"
+mode = "probing"
+trials = 4
+interval_s = 1.0
+"""
+
+
+@pytest.fixture
+def volume(tmp_path):
+    """A rotated volume, solid up to z = 8 mm of 12 except for a hole on the way down."""
+    values = np.zeros((24, 40, 40), np.int16)
+    values[:16] = 1000
+    values[4:8, 18:22, 18:22] = 0
+    volume = Volume(values, (0.5, 0.5, 0.5), (10, 20, 30), ASKEW, "made")
+    write_volume(tmp_path / "ct.nrrd", volume)
+    return volume
+
+
+def way(volume):
+    return {"entry": (volume.origin + ASKEW @ (9.75, 9.75, 11)).tolist(), "axis": (-ASKEW[:, 2]).tolist()}
+
+
+def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
+    block = cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), (6, 6, 7.5), 0.5, **way(volume))
+    assert (block.shape, block.origin) == ((15, 12, 12), (-2.75, -2.75, -7.25))
+    levels = block.density
+    for solid in (levels[7:], levels[:3]):  # above and below the hole
+        assert solid.min() >= 250
+    assert levels[3:7, 4:8, 4:8].max() <= 5  # the hole, 4 to 6 mm below the surface, about the axis
+    assert (255 - levels.astype(float)).sum() / 255 * 0.125 == pytest.approx(4 * 4 * 4 * 0.125, rel=0.05)
+
+
+def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
+    axis = -ASKEW @ (0.3, 0.2, 1)
+    block = cut_block(
+        VolumeRecipe(tmp_path / "ct.nrrd", MAP, voxel=0.25), (4, 4, 2), 0.25, **{**way(volume), "axis": axis}
+    )
+    assert 100 < block.density[-1, 7:9, 7:9].mean() < 255  # the top is at the surface
+    tilt = block.density[-4].astype(float)
+    assert tilt.min() < 250 < tilt.max() + 6  # the bone is tilted to the axis
+
+
+@pytest.mark.parametrize(
+    ("size", "voxel", "axis", "match"),
+    [
+        ((6, 6, 0), 0.5, -1, "size must be a positive number or three"),
+        ((60, 100, 1), 1e-3, -1, r"voxel must be coarser: the block has 6e\+12 voxels"),
+        ((6, 6, 6), 0.5, 1, "meets no occupancy of 128"),
+    ],
+)
+def test_block_errors(tmp_path, volume, size, voxel, axis, match):
+    recipe, place = VolumeRecipe(tmp_path / "ct.nrrd", MAP), {**way(volume), "axis": axis * ASKEW[:, 2]}
+    with pytest.raises(ValueError, match=match):
+        cut_block(recipe, size, voxel, **place)
+
+
+def protocol(tmp_path, volume, old="", new=""):
+    path = tmp_path / "experiment.toml"
+    path.write_text(PROTOCOL.format(**way(volume)).replace(old, new), encoding="utf-8")
+    return path
+
+
+def test_a_protocol_with_a_volume_runs(tmp_path, volume):
+    path = protocol(tmp_path, volume)
+    one = Protocol.read(path)
+    again = make_bone(json.loads(json.dumps(one.bone.recipe())))
+    assert again.digest() == one.bone.fresh().digest() == one.bone.plain()["digest"]
+    assert one.bone.plain()["volume"]["path"] == "ct.nrrd"
+    assert main(["experiment", "run", str(path), "--simulated", "--subject", "01", "--fast"]) == 0
+    assert one.data.answers("01", "probing").exists()
+    # Another volume and map change the digest; another folder does not.
+    (elsewhere := tmp_path / "elsewhere").mkdir()
+    for values, alike in ((volume.values, True), (volume.values // 2, False)):
+        write_volume(elsewhere / "ct.nrrd", Volume(values, volume.spacing, volume.origin, ASKEW, "made"))
+        other = protocol(elsewhere, volume, '"0:1000"', '"0:1000"' if alike else '"0:900"')
+        assert (Protocol.read(other).digest == one.digest) is alike
+
+
+def test_slices_in_a_protocol(tmp_path):
+    """A block of slices; the digest of the protocol counts `transpose` only where it is true."""
+    planes = np.zeros((24, 40, 44), np.uint8)
+    planes[:16] = 200
+    stack(tmp_path / "ct", planes)
+    text = PROTOCOL.replace('"ct.nrrd"', '"ct"\nspacing_mm = [0.5, 0.5, 0.5]').replace("0:1000", "0:100")
+    text = text.replace("{axis}\n", "[0, 0, -1]\n{more}").replace("{entry}", "[9, 9, 11]")
+    for more, told in (("", None), ("transpose = false\n", None), ("transpose = true\n", True)):
+        (tmp_path / "experiment.toml").write_text(text.format(more=more))
+        bone = Protocol.read(tmp_path / "experiment.toml").bone
+        assert bone.plain()["volume"].get("transpose") is told
+        assert bone.recipe()["volume"]["transpose"] is bool(told)
+        assert bone.recipe()["notes"][0] == "PNG slices say no orientation: LPS assumed"
+        assert "notes" not in bone.plain()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('volume = "ct.nrrd"\n', "", r", \[bone\]: map goes with volume"),
+        ('map = "0:1000"\n', "", r", \[bone\]: map is missing: volume needs it"),
+        ('"0:1000"', '"5"', r", \[bone\]: must be LO:HI or GREY:OCCUPANCY"),
+        ("ct.nrrd", "none.nrrd", r", \[bone\]: .*none\.nrrd: no such file"),
+        (
+            'map = "0:1000"\n',
+            'map = "0:1000"\ntranspose = 1\n',
+            r", \[bone\]: transpose must be true or false, got 1",
+        ),
+        ('map = "0:1000"\n', 'map = "0:1000"\ncrop_mm = 3\n', r", \[bone\]: crop_mm must be two corners"),
+        (
+            'map = "0:1000"\n',
+            'map = "0:1000"\nspacing_mm = [1, 1, 1]\n',
+            r", \[bone\]: .*spacing must be that of the file",
+        ),
+        (
+            'map = "0:1000"\n',
+            'map = "1000:2000"\n',
+            r", \[bone\]: entry: the axis from .* meets no occupancy of 128",
+        ),
+    ],
+)
+def test_wrong_protocols(tmp_path, volume, old, new, message):
+    with pytest.raises(ValueError, match=message):
+        Protocol.read(protocol(tmp_path, volume, old, new))

@@ -1,23 +1,27 @@
-"""Round trips through the formats, checked with independent readers; files that are cut short; labels."""
+"""Round trips through the formats and DICOM, checked with independent readers; files cut short; labels."""
 
 import sys
 import zlib
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from session_scenes import file_size_limit
+from session_scenes import file_size_limit, refused
 
 from burrlab import OccupancyMap, read_labels, read_volume, write_volume
-from burrlab.volume import LabelVolume, Volume, same_geometry, save_drilled
+from burrlab.volume import LabelVolume, Volume, same_geometry, save_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")
 nrrd = pytest.importorskip("nrrd", reason="an independent reader of NRRD, extra `dev`")
-from volume_scenes import TURNED, a_volume, nifti  # noqa: E402
+pydicom = pytest.importorskip("pydicom", reason="an independent reader of DICOM, extra `dev`")
+from volume_scenes import ASKEW, TURNED, a_volume, nifti  # noqa: E402
 
 MIRRORED = TURNED * (1.0, 1.0, -1.0)
+RIGHT_HANDED = ASKEW * np.sign(np.linalg.det(ASKEW))
 
 KINDS = ["u1", "i2", "u2", "i4", "f4", "f8"]
 
@@ -63,6 +67,16 @@ def independently(path):
     return values.T, spacing, origin, vectors / spacing
 
 
+def assert_equal(found, volume, close):
+    """Asserts that values and their type are equal, and the geometry within `close`."""
+    assert found.values.dtype == volume.values.dtype
+    np.testing.assert_array_equal(found.values, volume.values)
+    np.testing.assert_allclose(found.spacing, volume.spacing, rtol=close)
+    np.testing.assert_allclose(found.origin, volume.origin, rtol=close)
+    np.testing.assert_allclose(found.direction, volume.direction, atol=close)
+    assert same_geometry(volume, found)
+
+
 @pytest.mark.parametrize(
     ("kind", "direction"), list(zip(KINDS, 2 * [np.eye(3), TURNED, MIRRORED], strict=True))
 )
@@ -73,12 +87,7 @@ def test_round_trip(tmp_path, name, kind, direction):
     again = read_volume(path)
     close = 3e-7 if "nii" in name else 1e-15  # NIfTI keeps float32
     for found in (again, Volume(*independently(path), "by others")):
-        assert found.values.dtype == volume.values.dtype
-        np.testing.assert_array_equal(found.values, volume.values)
-        np.testing.assert_allclose(found.spacing, volume.spacing, rtol=close)
-        np.testing.assert_allclose(found.origin, volume.origin, rtol=close)
-        np.testing.assert_allclose(found.direction, volume.direction, atol=close)
-        assert same_geometry(volume, found)
+        assert_equal(found, volume, close)
     assert ["mirror image" in note for note in again.notes] == [True] * (direction is MIRRORED)
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
@@ -207,3 +216,65 @@ def test_a_full_disk_leaves_the_older_file_and_is_named(
     with file_size_limit(100_000), pytest.raises(OSError, match=f"File too large: '{path}'"):
         write(volumes[1])
     assert {place: place.read_bytes() for place in tmp_path.iterdir()} == before
+
+
+# --- DICOM ------------------------------------------------------------------------------------------------
+
+
+def a_series(kind="i2", direction=RIGHT_HANDED):
+    """A volume whose place and spacing need all digits."""
+    return replace(
+        a_volume(kind, direction), spacing=(0.1, 0.25, 1 / 3), origin=(-31.25, 12.123456789, 1024.3)
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "direction"), [("u1", np.eye(3)), ("i2", RIGHT_HANDED), ("u2", RIGHT_HANDED)], ids=str
+)
+def test_round_trip_of_dicom(tmp_path, kind, direction):
+    volume = a_series(kind, direction)
+    write_dicom(tmp_path / "ct", volume)
+    again = read_volume(tmp_path / "ct")
+    assert_equal(again, volume, 1e-11)
+    assert again.notes == ()
+    assert [path.name for path in tmp_path.iterdir()] == ["ct"]
+
+
+def test_what_pydicom_reads(tmp_path):
+    volume = a_series()
+    write_dicom(tmp_path / "ct", volume)
+    slices = [pydicom.dcmread(path) for path in sorted((tmp_path / "ct").iterdir())]
+    for k, (found, values) in enumerate(zip(slices, volume.values, strict=True)):
+        np.testing.assert_array_equal(found.pixel_array, values)
+        position = volume.origin + k * volume.spacing[2] * volume.direction[:, 2]
+        np.testing.assert_allclose([float(p) for p in found.ImagePositionPatient], position, rtol=1e-12)
+        turn = np.reshape([float(v) for v in found.ImageOrientationPatient], (2, 3)).T
+        np.testing.assert_allclose(turn, volume.direction[:, :2], atol=1e-12)
+        assert [float(v) for v in found.PixelSpacing] == [0.25, 0.1]  # between rows, between columns
+        assert (found.RescaleSlope, found.RescaleIntercept, found.InstanceNumber) == (1, 0, k + 1)
+        assert pydicom.uid.UID(found.SOPInstanceUID).is_valid
+    assert len({found.SOPInstanceUID for found in slices}) == 3
+    assert len({found.SeriesInstanceUID for found in slices}) == 1
+
+
+def test_the_same_volume_is_the_same_series(tmp_path):
+    for name in ("a", "b"):
+        write_dicom(tmp_path / name, a_series())
+    write_dicom(tmp_path / "c", replace(a_series(), values=a_series().values + 1))
+    uids = [pydicom.dcmread(tmp_path / name / "slice0002.dcm").SOPInstanceUID for name in "abc"]
+    assert uids[0] == uids[1] != uids[2]
+
+
+def test_refused_by_dicom(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("something")
+    real, mirrored = a_series("f4"), a_series(direction=MIRRORED)
+    refused(
+        (lambda: write_dicom(tmp_path / "ct", real), "values must be one of uint8, int16, uint16 to be .* got float32"),
+        (lambda: write_dicom(tmp_path / "ct", mirrored), "direction must be right-handed to be written as DICOM"),
+        (lambda: write_dicom(tmp_path / "none/ct", a_series()), "folder must exist", FileNotFoundError),
+        (lambda: write_dicom(tmp_path / "file", a_series()), "folder must be new", FileExistsError),
+    )  # fmt: skip
+    monkeypatch.setattr("SimpleITK.ImageFileWriter.Execute", Mock(side_effect=RuntimeError("disk full")))
+    with pytest.raises(OSError, match="the slices cannot be written"):
+        write_dicom(tmp_path / "ct", a_series())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

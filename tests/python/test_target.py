@@ -1,16 +1,15 @@
 """Comparison of removed bone with a region: exact sums by tissue."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
+from command_line import result, said
 from session_scenes import ended, session_of
 
 from burrlab import LabelVolume, Tissue, Tissues, VoxelBone, materials, write_volume
 from burrlab.anatomy.target import compare_with_target
-from burrlab.cli import main
 
 SHAPE = (9, 10, 12)
 
@@ -109,20 +108,9 @@ def drilled_session(bone, record, tick=0):
     ).snapshot()
 
 
-@pytest.fixture
-def metrics(capsys):
-    """Output of the command for a trace: its JSON, or its status and text."""
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-
-    def run(*words):
-        status, said = main(["metrics", *map(str, words)]), capsys.readouterr()
-        return json.loads(said.out)["target"] if "--json" in words else (status, said.out + said.err)
-
-    return run
-
-
-def test_command_line(tmp_path, metrics):
+def test_command_line(tmp_path, capsys):
     """With a trace of a bone and a target in a file, as from another program."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     bone, record = nerve_bone(), tmp_path / "session.h5"
     region = np.zeros(bone.shape, bool)
     region[-5:] = True
@@ -133,26 +121,24 @@ def test_command_line(tmp_path, metrics):
     expected = compare_with_target(drilled_session(bone, record)[0], region).to_dict()
     assert expected["overlap_mm3"] > 0
     for words in (("target.nrrd",), ("finer.nrrd", "--onto")):
-        found = metrics(record, "--json", "-", "--target", tmp_path / words[0], *words[1:])
+        found = result(capsys, "metrics", record, "--target", tmp_path / words[0], *words[1:])["target"]
         assert {key: found[key] for key in expected} == expected
-    status, said = metrics(record, "--target", tmp_path / "target.nrrd")
-    assert (status, "% of the target's" in said, "before this session" in said) == (0, True, False)
-    for words, told in (
-        (("--onto",), "--onto goes with --target"),
-        (("--target", tmp_path / "wrong.nrrd"), "must have the same geometry"),
-    ):
-        status, said = metrics(record, *words)
-        assert (status, told in said) == (2, True)
+    told = said(capsys, "metrics", record, "--target", tmp_path / "target.nrrd")
+    assert ("% of the target's" in told, "before this session" in told) == (True, False)
+    assert "--onto goes with --target" in said(capsys, "metrics", record, "--onto", status=2)
+    wrong = said(capsys, "metrics", record, "--target", tmp_path / "wrong.nrrd", status=2)
+    assert "must have the same geometry" in wrong
 
 
-def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, metrics):
+def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, capsys):
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     bone, target, tick = nerve_bone(), tmp_path / "target.nrrd", 0
     write_volume(target, labels_on(bone, np.ones(bone.shape, bool)))
     for record in (tmp_path / "session.h5", tmp_path / "next.h5"):
         before = bone.removed
         bone, tick = drilled_session(bone, record, tick)
-        found = metrics(record, "--target", target, "--json", "-")
+        found = result(capsys, "metrics", record, "--target", target)["target"]
         assert found["removed_before_mm3"] == before
         assert found["removed_mm3"] == pytest.approx(bone.removed, rel=1e-12)
-    said = metrics(record, "--target", target)[1]
-    assert f"{before:.2f} mm^3 of that were removed before this session" in said
+    told = said(capsys, "metrics", record, "--target", target)
+    assert f"{before:.2f} mm^3 of that were removed before this session" in told

@@ -315,7 +315,6 @@ def unstorable(number: int) -> set[int]:
         (work, [Item(1)], {"store": __file__}, ValueError, "store must be a file of burrlab results"),
     ],
 )  # fmt: skip
-def test_what_is_refused(tmp_path, monkeypatch, function, items, options, error, told):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_refused(here, function, items, options, error, told):
     with pytest.raises(error, match=told):
         run_items(function, items, **options)

@@ -266,26 +266,6 @@ def test_levels_move_the_surface():
     assert top[0] > top[1] > 0.8 > top[2] > 0.7
 
 
-def test_refused():
-    bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
-    larger = burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1)
-    refused(
-        (lambda: Surface(bone, level=0), "level must be from 1 to 255, got 0"),
-        (lambda: Surface(bone, level=256), "level must be from 1 to 255, got 256"),
-        (
-            lambda: surface_blocks(bone, [(0, 0, 1)]),
-            "every index of a block must be from 0 to below 1, got 1",
-        ),
-        (lambda: brick_places([3, 27], bone), "bricks must be from 0 to below 27, got 3 to 27"),
-        (
-            lambda: brick_places([[1, 2]], bone),
-            r"bricks must have the shape \(n,\) or \(n, 3\), got \(1, 2\)",
-        ),
-        (lambda: blocks_of_bricks([[0, 0, 3]], bone), r"bricks must lie within \(3, 3, 3\)"),
-        (lambda: Surface(bone).update(larger, []), "bone must have the shape of the surface"),
-    )
-
-
 @pytest.mark.parametrize("level", [30, 100, 128, 220])
 def test_cells_of_every_kind_make_a_manifold(level):
     """Also at the borders of blocks and of the volume."""
@@ -396,10 +376,24 @@ def test_distances_of_bones():
     assert 0.05 < there[0] < 0.1
 
 
-def test_surfaces_that_are_refused():
-    bone, cube = burrlab.VoxelBone.block((2, 2, 2), 0.1), box((0, 0, 0), (1, 1, 1))
-    gone = burrlab.VoxelBone(np.zeros((4, 4, 4), np.uint8), 0.1)
+def test_refused():
+    bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
+    gone, cube = burrlab.VoxelBone(np.zeros((4, 4, 4), np.uint8), 0.1), box((0, 0, 0), (1, 1, 1))
+    larger = burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1)
     refused(
+        (lambda: Surface(bone, level=0), "level must be from 1 to 255, got 0"),
+        (lambda: Surface(bone, level=256), "level must be from 1 to 255, got 256"),
+        (
+            lambda: surface_blocks(bone, [(0, 0, 1)]),
+            "every index of a block must be from 0 to below 1, got 1",
+        ),
+        (lambda: brick_places([3, 27], bone), "bricks must be from 0 to below 27, got 3 to 27"),
+        (
+            lambda: brick_places([[1, 2]], bone),
+            r"bricks must have the shape \(n,\) or \(n, 3\), got \(1, 2\)",
+        ),
+        (lambda: blocks_of_bricks([[0, 0, 3]], bone), r"bricks must lie within \(3, 3, 3\)"),
+        (lambda: Surface(bone).update(larger, []), "bone must have the shape of the surface"),
         (lambda: closed_surface(bone), "no voxel that lost 1 of 255 levels; left=True"),
         (lambda: closed_surface(gone, left=True), "no voxel that has 1 of 255 levels$"),
         (lambda: closed_surface(bone, left=True, level=0), "level must be from 1 to 255, got 0"),

@@ -215,11 +215,6 @@ def test_a_limit_of_the_system_ends_recording(file, records):
     assert burrlab.replay(trace).equal
 
 
-class Broken:
-    def take(self, most=0):
-        raise RuntimeError("the ring is gone")
-
-
 @pytest.mark.parametrize(
     ("reader", "options", "kept", "said"),
     [
@@ -229,7 +224,7 @@ class Broken:
          "before tick 540: the record of the next tick is missing, tick 541 came"),
         (FakeReader, {"duration": 1.0}, 1000,
          "before tick 1040: the file has no room for more ticks: its duration is over"),
-        (lambda records: Broken(), {}, 0, "before tick 40: recording failed: the ring is gone"),
+        (lambda _: Mock(take=Mock(side_effect=RuntimeError("the ring is gone"))), {}, 0, "before tick 40: recording failed: the ring is gone"),
     ],
 )  # fmt: skip
 def test_what_ends_recording(file, records, reader, options, kept, said):

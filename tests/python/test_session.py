@@ -170,12 +170,6 @@ class TestSafety:
         assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
         assert np.linalg.norm(record["force"]) > 2.0
 
-    def test_slew_limit(self, tmp_path):
-        self.pressed(0.5, slew_limit=0.05, record=tmp_path / "slew.h5")
-        sent = load_trace(tmp_path / "slew.h5").array("sent_force_N")
-        assert np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1).max() <= 0.05 + 1e-12
-        assert sent[-1, 2] > 1.0
-
     def test_coupling_softens(self):
         """For a still burr, spring and bone forces balance, and burr and device are apart."""
         burr = self.pressed(0.5, coupling=1.0)

@@ -354,19 +354,6 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
     assert "Trials that were repeated, as the loop had stalled: 1 of 01 of one." in analyse(made).report()
 
 
-@pytest.mark.parametrize(
-    ("subject", "options", "sentence"),
-    [
-        ("09", {}, "there is no subject '09'; there are 01"),
-        ("01", {"tasks": ["two"]}, "there is no task 'two'; there are one"),
-        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE, igtl:HOST:PORT"),
-    ],
-)
-def test_refusals(scene, subject, options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        Sitting(scene.protocol, subject, **options)
-
-
 @pytest.mark.parametrize(("seconds", "said"), [(0.05, True), (0.6, False)])
 def test_answers_that_come_too_fast_are_flagged(scene, seconds, said):
     scene.run(FOUR, paper(itertools.cycle(["same"]), seconds=seconds))

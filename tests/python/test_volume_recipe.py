@@ -111,8 +111,8 @@ def test_results_keep_how_the_bone_was_made(tmp_path):
 
 def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     volume, way = slab(tmp_path / "ct.nrrd")
-    ask = ["descend", "--force", "0.3", "--radius", "1", "--ideal", "--seed", "1", *way]
-    ask += ["--volume", tmp_path / "ct.nrrd", "--map", "-1000:1000"]
+    grey = ["--volume", tmp_path / "ct.nrrd", "--map", "-1000:1000"]
+    ask = ["descend", "--force", "0.3", "--radius", "1", "--ideal", "--seed", "1", *way, *grey]
     small = "radius of the burr must be at least 4 voxels of 0.4 mm, got 1 mm; --voxel 0.13 (voxel=0.13) makes finer ones"
     assert small in said(capsys, *ask, status=2)
     low, high = volume.patient_point((5, 5, 0)), volume.patient_point((15, 15, 12))
@@ -135,8 +135,10 @@ def test_an_assumed_orientation_is_printed(tmp_path, capsys):
     """The file has no orientation in the patient."""
     head = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 20 12\nspacings: 0.5 0.5 0.5\nencoding: raw\n\n"
     (tmp_path / "ct.nrrd").write_bytes(head + bytes([200]) * 4800)
-    ask = ["--volume", tmp_path / "ct.nrrd", "--map", "0:100", "--seed", "1", "--radius", "2.5"]
-    ask += ["--entry", "4.75,4.75,7", "--axis", "0,0,-1"]
+    ask = [
+        "--volume", tmp_path / "ct.nrrd", "--map", "0:100", "--seed", "1", "--radius", "2.5",
+        "--entry", "4.75,4.75,7", "--axis", "0,0,-1",
+    ]  # fmt: skip
     for command in (
         ["descend", "--force", "1", "--ideal"],
         ["session", "--device", "hand", "--duration", "0.05", "--no-realtime"],

@@ -9,7 +9,6 @@ from session_scenes import refused, small_bone
 
 import burrlab
 import burrlab.common.files as files
-from burrlab._core import Tissue, Tissues
 from burrlab.bone.snapshot import bone_source
 
 
@@ -41,7 +40,8 @@ def test_the_law_of_tissues_comes_back(tmp_path, law, version):
     wax, path = burrlab.Material("wax", c_e=2.0, alpha=0.1, **law), tmp_path / "bone.h5"
     bone = small_bone()
     bone.set_tissues(
-        Tissues([Tissue("bone", label=1, c_e=2.0, alpha=0.1)], wax), np.zeros(bone.shape, np.uint8)
+        burrlab.Tissues([burrlab.Tissue("bone", label=1, c_e=2.0, alpha=0.1)], wax),
+        np.zeros(bone.shape, np.uint8),
     )
     burrlab.save_bone(path, bone)
     assert burrlab.load_bone(path)[0].tissues.material == wax

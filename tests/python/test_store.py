@@ -1,12 +1,11 @@
 """Results on disk: keys, exact round trips, torn lines, simultaneous writers."""
 
-import dataclasses
 import functools
 import math
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +84,7 @@ def test_what_is_the_same_has_the_same_key():
     assert key_of(run_item, {"a": 1, "b": 2}) == key_of(run_item, {"b": 2, "a": 1})
     assert key_of(run_item, np.float64(0.1)) == key_of(run_item, 0.1)
     assert key_of(run_item, Item(1.0, note="x")) == key_of(run_item, Item(1.0, note="y")), "not compared"
-    earlier = dataclasses.make_dataclass("Item", [("number", float), ("parts", tuple, ())], frozen=True)
+    earlier = make_dataclass("Item", [("number", float), ("parts", tuple, ())], frozen=True)
     earlier.__module__ = Item.__module__
     assert key_of(run_item, Item(1.0)) == key_of(run_item, earlier(1.0)), "a field of later, at its default"
     bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)

@@ -63,27 +63,18 @@ def recorded(tmp_path_factory):
     return ran(path, on_message=said.append), load_trace(path), said
 
 
-def test_events_come_at_the_ticks_of_the_definition(recorded) -> None:
-    _, trace, _ = recorded
-    watch = Watch(trace.bone(), **LIMITS)
-    for number, name in enumerate(watch.structures):
-        distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
-        told = reference.events(np.zeros(len(trace), int), distances, lost_of(trace, name), **LIMITS)
-        rows = trace.events[trace.events["structure"] == number]
-        assert [(int(e["tick"]), KINDS[e["kind"]], int(e["burr"])) for e in rows] == told
-        np.testing.assert_array_equal(rows["distance_mm"], distances[rows["tick"].astype(int)])
-    kinds = [KINDS[e["kind"]] for e in trace.events if e["structure"] == 0]
-    assert kinds == ["approach", "touch", "injury", "away", "approach", "away"]
-    assert (np.diff(trace.events["tick"].astype(int)) >= 0).all()
-
-
-def test_doses_are_those_of_the_definition(recorded) -> None:
+def test_events_and_doses_are_those_of_the_definition(recorded) -> None:
     session, trace, _ = recorded
     watch, report = Watch(trace.bone(), **LIMITS), session.anatomy()
     force = np.linalg.norm(trace.array("force_N"), axis=1)
     k, on = trace.ticks["k"].astype(float), trace.array("on") == 1
-    for name in watch.structures:
+    for number, name in enumerate(watch.structures):
         distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
+        lost = lost_of(trace, name)
+        told = reference.events(np.zeros(len(trace), int), distances, lost, **LIMITS)
+        rows = trace.events[trace.events["structure"] == number]
+        assert [(int(e["tick"]), KINDS[e["kind"]], int(e["burr"])) for e in rows] == told
+        np.testing.assert_array_equal(rows["distance_mm"], distances[rows["tick"].astype(int)])
         want, dose = reference.dose(distances, k, on, force, touch=LIMITS["touch"]), report.dose(name)
         assert dose.closest == want["closest"] == distances[dose.closest_tick]
         assert dose.closest_center == tuple(trace.array("center_mm")[dose.closest_tick])
@@ -92,7 +83,10 @@ def test_doses_are_those_of_the_definition(recorded) -> None:
             assert list(getattr(dose, field).values()) == pytest.approx(np.array(want[field]) / 1000)
         assert list(dose.mean_force.values()) == pytest.approx(want["mean_force"], nan_ok=True)
         assert list(dose.peak_force.values()) == pytest.approx(want["peak_force"])
-        assert dose.removed == pytest.approx(lost_of(trace, name).sum(), abs=1e-9)
+        assert dose.removed == pytest.approx(lost.sum(), abs=1e-9)
+    kinds = [KINDS[e["kind"]] for e in trace.events if e["structure"] == 0]
+    assert kinds == ["approach", "touch", "injury", "away", "approach", "away"]
+    assert (np.diff(trace.events["tick"].astype(int)) >= 0).all()
     assert report.dose("nerve").removed > 0.05
     assert report.closest["nerve"] == report.dose("nerve").closest < 0
 

@@ -130,9 +130,9 @@ def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
 
 
 @pytest.mark.parametrize(
-    ("ask", "error", "told"),
+    ("ask", "error", "sentence"),
     [
-        *((lambda trace, options=options: session_metrics(trace, **options), ValueError, told) for options, told in [
+        *((lambda trace, options=options: session_metrics(trace, **options), ValueError, words) for options, words in [
             ({"threshold": 0}, "threshold must be positive, got 0"),
             ({"hysteresis": float("nan")}, "hysteresis must be positive, got nan"),
             ({"burr": 1}, "burr must be an index below 1, got 1"),
@@ -141,7 +141,7 @@ def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
             r"trace must be a Trace, as load_trace gives it, got 'session\.h5'") for ask in (session_metrics, replay)),
     ],
 )  # fmt: skip
-def test_what_is_refused(tmp_path, ask, error, told):
+def test_what_is_refused(tmp_path, ask, error, sentence):
     trace = trace_of(tmp_path, np.zeros((10, 3)))
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=sentence):
         ask(trace)

@@ -183,9 +183,9 @@ def test_files_that_are_no_shape(rows, told, here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "sentence"),
     [
-        *((lambda x=x, f=f, options=options: Shape.from_table(x, f, **options), said) for x, f, options, said in [
+        *((lambda x=x, f=f, options=options: Shape.from_table(x, f, **options), words) for x, f, options, words in [
             ([0, 1], [1, 0], {}, "points of a table must be 3 to 256, got 2"),
             ([0, 0.5, 1], [1, 0], {}, "f must be as long as x, 3, got 2"),
             ([0, 0.5, 1], [1, np.nan, 0], {}, "every f of a table must be finite, got nan"),
@@ -203,6 +203,6 @@ def test_files_that_are_no_shape(rows, told, here, capsys):
           for name in ("table()", "table(1;0:1,1)", "table(1;0:1,0.5:0.5,1:0", "table(0:1,0.5:0.5,1:0)")),
     ],
 )  # fmt: skip
-def test_refusals(make, said):
-    with pytest.raises(ValueError, match=said):
+def test_refusals(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
         make()

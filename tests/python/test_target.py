@@ -122,8 +122,8 @@ def test_command_line(tmp_path, capsys):
     for words in (("target.nrrd",), ("finer.nrrd", "--onto")):
         found = result(capsys, "metrics", record, "--target", tmp_path / words[0], *words[1:])["target"]
         assert {key: found[key] for key in expected} == expected
-    told = said(capsys, "metrics", record, "--target", tmp_path / "target.nrrd")
-    assert ("% of the target's" in told, "before this session" in told) == (True, False)
+    report = said(capsys, "metrics", record, "--target", tmp_path / "target.nrrd")
+    assert ("% of the target's" in report, "before this session" in report) == (True, False)
     assert "--onto goes with --target" in said(capsys, "metrics", record, "--onto", status=2)
     wrong = said(capsys, "metrics", record, "--target", tmp_path / "wrong.nrrd", status=2)
     assert "must have the same geometry" in wrong
@@ -139,5 +139,5 @@ def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, capsys):
         found = result(capsys, "metrics", record, "--target", target)["target"]
         assert found["removed_before_mm3"] == before
         assert found["removed_mm3"] == pytest.approx(bone.removed, rel=1e-12)
-    told = said(capsys, "metrics", record, "--target", target)
-    assert f"{before:.2f} mm^3 of that were removed before this session" in told
+    report = said(capsys, "metrics", record, "--target", target)
+    assert f"{before:.2f} mm^3 of that were removed before this session" in report

@@ -207,14 +207,14 @@ def test_a_count_that_cannot_be_written_does_not_count(file, records, monkeypatc
 
 def test_a_limit_of_the_system_ends_recording(file, records):
     """The recorder writes beyond a real limit (RLIMIT_FSIZE)."""
-    made = writer(file, records)
-    with file_size_limit(made._places["ticks"] + 1000 * made._row_bytes + 17):
-        made.start()
-        made.stop()
-    said = "recording ended before tick 1040: the file could not be written: File too large"
-    assert (made.recorded, made.ended) == (1000, said)
+    recorder = writer(file, records)
+    with file_size_limit(recorder._places["ticks"] + 1000 * recorder._row_bytes + 17):
+        recorder.start()
+        recorder.stop()
+    sentence = "recording ended before tick 1040: the file could not be written: File too large"
+    assert (recorder.recorded, recorder.ended) == (1000, sentence)
     trace = burrlab.load_trace(file)
-    assert (len(trace), trace.ended) == (1000, said)
+    assert (len(trace), trace.ended) == (1000, sentence)
     assert burrlab.replay(trace).equal
 
 
@@ -336,9 +336,9 @@ def test_without_hard_links(file, monkeypatch):
 
 def test_a_recorder_is_for_one_new_file_that_can_be(file, records):
     """The refusals are one sentence; the older trace stays, and nothing else."""
-    made = record(file, records)
+    recorder = record(file, records)
     refused(
-        (made.start, "recording must be started once: it has been started or stopped"),
+        (recorder.start, "recording must be started once: it has been started or stopped"),
         (lambda: writer(file), "path must be a new file", FileExistsError),
         (lambda: writer(file.parent / "nowhere" / "session.h5"), "folder must exist, got", OSError),
         (
@@ -454,9 +454,9 @@ def test_cut_short(file, records):
     record(file, records[:200])
     whole = file.read_bytes()
     parts = [(int(part), "") for part in np.linspace(0, len(whole) - 1, 40)]
-    for part, said in [(-500, "damaged: it was cut short"), *parts]:
+    for part, sentence in [(-500, "damaged: it was cut short"), *parts]:
         file.write_bytes(whole[:part])
-        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is {said}"):
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is {sentence}"):
             burrlab.load_trace(file)
 
 

@@ -52,8 +52,8 @@ def test_recipe_through_json(here):
     direct = read_volume("ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
     assert make_bone(json.loads(json.dumps(recipe))).digest() == direct.digest() == again.bone().digest()
     assert again.at(here / "ct.nrrd") == again
-    there = (here / "ct.nrrd").rename(here / "there.nrrd")
-    assert make_bone(recipe, volume=there).digest() == direct.digest()
+    moved = (here / "ct.nrrd").rename(here / "moved.nrrd")
+    assert make_bone(recipe, volume=moved).digest() == direct.digest()
     with pytest.raises(FileNotFoundError, match=r"ct\.nrrd: no such file"):
         make_bone(recipe)
 

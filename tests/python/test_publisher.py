@@ -7,6 +7,7 @@ import struct
 import subprocess
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -209,22 +210,20 @@ def test_malformed_input_is_counted(data, counter):
         leader.run_to(leader.tick + 50)
 
 
-class Attack:
-    """Threads that send random bytes to a port until told to end."""
+@contextlib.contextmanager
+def attacked(leader):
+    """Three threads send random bytes to a port meanwhile; gives the list of their connections."""
+    ending, connections = threading.Event(), []
 
-    def __init__(self, leader):
-        self.leader, self.ending, self.connections = leader, threading.Event(), 0
-        self.threads = [threading.Thread(target=self.run, args=(seed,)) for seed in range(3)]
-
-    def run(self, seed):
+    def attack(seed):
         chance = random.Random(seed)
         good = [
             wire.transform("burr", (1, 2, 3)),
             wire.byte_string("burrlab_replica", WORD),
         ]
-        while not self.ending.is_set():
-            with contextlib.suppress(OSError), connect(self.leader) as peer:
-                self.connections += 1
+        while not ending.is_set():
+            with contextlib.suppress(OSError), connect(leader) as peer:
+                connections.append(seed)
                 for _ in range(chance.randrange(5)):
                     data = bytearray(chance.choice(good) * chance.randrange(1, 5))
                     for _ in range(chance.randrange(4)):
@@ -235,29 +234,27 @@ class Attack:
                 if chance.random() < 0.3:
                     peer.recv(100)
 
-    def __enter__(self):
-        for thread in self.threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.ending.set()
-        for thread in self.threads:
-            thread.join()
+    with ThreadPoolExecutor(3) as pool:
+        attacks = [pool.submit(attack, seed) for seed in range(3)]
+        try:
+            yield connections
+        finally:
+            ending.set()
+    assert not any(attack.exception() for attack in attacks)
 
 
 @pytest.mark.parametrize("ticks", [2500, pytest.param(30_000, marks=pytest.mark.slow)])
 def test_hostile_peers_beside_a_session(ticks):
     with Leader() as leader:
         replica = follow("127.0.0.1", leader.port)
-        with Attack(leader) as attack:
+        with attacked(leader) as connections:
             leader.run_to(ticks)
         leader.end()
         assert replica.wait(5)
         status = leader.publisher.status
         assert leader.follower.status["differing"] == leader.follower.status["rebuilds"] == 0
         assert replica.digest() == leader.digest == leader.executor.bone.digest()
-    assert attack.connections > 50
+    assert len(connections) > 50
     assert status["framing_lost"] > 0
     assert sum(status["dropped"].values()) > 0
 

@@ -30,12 +30,6 @@ VOLUME: Shape = (128, 128, 128)
 MEAN, VARIANCE = 65535 / 2, (65536**2 - 1) / 12
 
 
-def lanes(shape: Shape, seed: int, tick: int, index: int = 0, draw: int = 0) -> Lanes:
-    """The numbers that the core draws, (nz, ny, nx)."""
-    drawn: Lanes = _core.draws(shape, seed, tick, index, draw)
-    return drawn
-
-
 def reference_lanes(rounds: int) -> Source:
     """The reference's numbers, with another number of Philox rounds."""
     philox = partial(reference.philox4x32, rounds=rounds)
@@ -263,7 +257,7 @@ every_statistic = pytest.mark.parametrize(("statistic", "rounds"), STATISTICS.va
 @every_statistic
 def test_numbers_pass(statistic: Callable[[Source, int], Probabilities], rounds: int) -> None:
     """No statistic rejects the core's numbers, about 2e6 for each comparison."""
-    assert false_alarm(statistic(lanes, 1)) >= FALSE_ALARM
+    assert false_alarm(statistic(_core.draws, 1)) >= FALSE_ALARM
 
 
 @every_statistic
@@ -278,7 +272,7 @@ def test_seven_rounds_pass_where_ten_do(
     statistic: Callable[[Source, int], Probabilities], rounds: int
 ) -> None:
     """Sixteen times the numbers, 1e9 in all, pass with seven rounds (the core) and with ten."""
-    seven, ten = (false_alarm(statistic(source, 16)) for source in (lanes, reference_lanes(10)))
+    seven, ten = (false_alarm(statistic(source, 16)) for source in (_core.draws, reference_lanes(10)))
     assert min(seven, ten) >= FALSE_ALARM / 2
 
 

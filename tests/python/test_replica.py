@@ -76,15 +76,6 @@ def test_killed_and_restarted_replica_catches_up(ticks):
         assert result["by_bricks"] == 1
 
 
-def followed_through(pump, ticks):
-    """Status of a replica that followed `ticks` through a proxy and holds the leader's bone."""
-    with Leader() as leader, Proxy(leader.port, pump) as proxy:
-        replica = follow("127.0.0.1", proxy.port)
-        finish(leader, ticks, replica, within=20)
-    check_equal(leader, replica.status, replica.digest())
-    return replica.status
-
-
 @pytest.mark.parametrize(
     ("pump", "least"),
     [(partial(dropper, probability=0.01, random=random.Random(1)), 1), (cutter, 2), (mangler, 2)],
@@ -92,9 +83,12 @@ def followed_through(pump, ticks):
 @lengths(3000)
 def test_proxy_that_breaks_the_stream(pump, least, ticks):
     """The proxy drops messages, cuts the stream, or drops bytes."""
-    status = followed_through(pump, ticks)
-    assert status["faults"] >= least
-    assert status["most_missed"] <= 100
+    with Leader() as leader, Proxy(leader.port, pump) as proxy:
+        replica = follow("127.0.0.1", proxy.port)
+        finish(leader, ticks, replica, within=20)
+    check_equal(leader, replica.status, replica.digest())
+    assert replica.status["faults"] >= least
+    assert replica.status["most_missed"] <= 100
 
 
 def switch_off(tick):
@@ -209,22 +203,18 @@ def test_rebuilt_follower_sends_bricks():
     assert leader.follower.status["differing"] == 0
 
 
-def test_leader_that_has_gone():
+def test_a_leader_that_has_gone_and_another_session_on_its_port():
     with Leader() as leader:
-        replica = follow("127.0.0.1", leader.port)
-        leader.run_to(300)
-    assert soon(lambda: replica.status["faults"] >= 1 and not replica.status["connected"])
-    assert not replica.status["ended"]
-    replica.stop()
-    assert replica.status["reason"] == "stopped"
-
-
-def test_another_session_on_the_same_port_ends_it():
-    with Leader() as leader:
-        replica = follow("127.0.0.1", leader.port)
+        replica, stopped = (follow("127.0.0.1", leader.port) for _ in range(2))
         leader.run_to(300)
         port = leader.port
+    assert soon(lambda: stopped.status["faults"] >= 1 and not stopped.status["connected"])
+    assert not stopped.status["ended"]
+    stopped.stop()
+    assert stopped.status["reason"] == "stopped"
     with Leader(port=port):
         assert replica.wait(5)
-    assert replica.status["failed"]
-    assert replica.status["reason"] == "the leader has begun another session"
+    assert (replica.status["failed"], replica.status["reason"]) == (
+        True,
+        "the leader has begun another session",
+    )

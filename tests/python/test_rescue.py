@@ -6,6 +6,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import DEFAULT, Mock
 
 import h5py
 import numpy as np
@@ -24,19 +25,6 @@ from burrlab.view.film import write_video
 SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")
 
 
-def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Makes saving fail for the first `after` files, as on a full disk."""
-    kept, tried = burrlab.save_bone, []
-
-    def save(place: str, bone: burrlab.VoxelBone, tick: int, **told: str) -> None:
-        tried.append(place)
-        if len(tried) <= after:
-            raise OSError(errno.ENOSPC, "No space left on device", place)
-        kept(place, bone, tick, **told)
-
-    monkeypatch.setattr("burrlab.cli.bone.save_bone", save)
-
-
 @pytest.mark.parametrize(("after", "temporary"), [(1, "."), (2, "."), (9, "."), (9, "missing")])
 def test_kept_beside_or_among_temporary_files_or_nowhere(
     after: int,
@@ -47,7 +35,9 @@ def test_kept_beside_or_among_temporary_files_or_nowhere(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / temporary))
     path = str(tmp_path / "bone.h5")
-    full(after, monkeypatch)
+    full = OSError(errno.ENOSPC, "No space left on device", path)  # for the first `after` files
+    save = Mock(wraps=burrlab.save_bone, side_effect=[full] * after + [DEFAULT])
+    monkeypatch.setattr("burrlab.cli.bone.save_bone", save)
     assert main([*SESSION, "--save", path]) == 3
     told, sentence = capsys.readouterr(), f"burrlab session: {path}: No space left on device"
     assert "200 ticks" in told.out, "the report is told all the same"

@@ -82,12 +82,10 @@ class Kept(list):
         return 0.0
 
 
-def trials_in(rows):
-    return [(row.phase, row.trial, row.seeds) for row in rows]
-
-
-def trials_of(order):
-    return [(t.phase, t.number, tuple(interval.seed for interval in t.intervals)) for t in order.trials]
+def assert_whole(rows, order):
+    """Asserts that rows of answers are those of all trials of a run."""
+    trials = [(t.phase, t.number, tuple(interval.seed for interval in t.intervals)) for t in order.trials]
+    assert [(row.phase, row.trial, row.seeds) for row in rows] == trials
 
 
 class Scene:
@@ -122,7 +120,7 @@ def test_whole_run(scene):
     seat, order = paper(itertools.cycle(["same", "different"])), design.order(seed=3, subject="01")
     assert scene.run(design, seat, order=order) == 10
     assert order.next() is None
-    assert trials_in(scene.kept) == trials_of(order)
+    assert_whole(scene.kept, order)
     assert [answer.response for answer in scene.kept] == ["same", "different"] * 5
     assert {answer.endings for answer in scene.kept} == {("time", "time")}
     np.testing.assert_allclose([a.onset for a in scene.kept], 0.2 * np.arange(10), atol=1e-6)
@@ -226,7 +224,7 @@ def test_lost_device_is_not_asked(scene):
     assert "trial 3 was not asked: device lost" in scene.log
     assert scene.run(FOUR, again, order=order) == 2
     assert "You go on where you stopped." in seen(again)[1]
-    assert trials_in(scene.kept) == trials_of(order)
+    assert_whole(scene.kept, order)
 
 
 def test_silent_device_is_lost_too(scene):
@@ -354,19 +352,6 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
     assert "trials repeated as the loop had stalled: 1" in told
     assert [row.repeats for row in read_answers(made.data.answers("01", "one")).rows] == [1, 0, 0, 0]
     assert "Trials that were repeated, as the loop had stalled: 1 of 01 of one." in analyse(made).report()
-
-
-@pytest.mark.parametrize(
-    ("subject", "options", "sentence"),
-    [
-        ("09", {}, "there is no subject '09'; there are 01"),
-        ("01", {"tasks": ["two"]}, "there is no task 'two'; there are one"),
-        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE, igtl:HOST:PORT"),
-    ],
-)
-def test_refusals(scene, subject, options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        Sitting(scene.protocol, subject, **options)
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(0.05, True), (0.6, False)])

@@ -42,183 +42,181 @@ def session(device=None, **options):
     return session_of(block(), TOOL, device or HandDevice(), **options)
 
 
-class TestVirtualClock:
-    """Sessions with the same result on every machine."""
+# --- The virtual clock: the same result on every machine --------------------------------------------------
 
-    def test_repeats_to_the_bit(self):
-        digests = [ended(session(duration=3.0)).digests for _ in range(2)]
-        assert (digests[0], [tick for tick, _ in digests[0]], len({d for _, d in digests[0]})) == (
-            digests[1], [0, 1000, 2000, 3000], 4,
-        )  # fmt: skip
 
-    def test_bone_given_is_not_changed(self):
-        bone = block()
-        before = bone.digest()
-        run = ended(Session(bone, TOOL, HandDevice(), seed=1, duration=2.0, clock=Clock(wall_clock=False)))
-        assert bone.digest() == before
-        cut, tick = run.snapshot()
-        assert (cut.digest(), tick) == run.digests[-1][::-1]
-        assert cut.removed > 0.1
+def test_a_session_repeats_to_the_bit():
+    digests = [ended(session(duration=3.0)).digests for _ in range(2)]
+    assert (digests[0], [tick for tick, _ in digests[0]], len({d for _, d in digests[0]})) == (
+        digests[1], [0, 1000, 2000, 3000], 4,
+    )  # fmt: skip
 
-    def test_a_coarse_burr_is_told(self):
-        """As README says, a result tells of a radius below 7.5 voxels."""
-        for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
-            bone = VoxelBone.block((16, 16, 4), spacing)
-            device = ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
-            run = ended(Session(bone, TOOL, device, seed=1, clock=Clock(wall_clock=False)))
-            assert [text for text in run.report().messages if "coarse" in text] == told
 
-    def test_goes_on_from_a_saved_bone(self, tmp_path):
-        """Two halves with a continued tick index give the bone of one run."""
-        time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
-        whole = ended(session(ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
-        bone, tick = block(), 0
-        for part in np.array_split(load_trace(tmp_path / "whole.h5").array("device_position_mm"), 2):
-            half = ended(
-                Session(
-                    StartingBone(bone, tick=tick),
-                    TOOL,
-                    ReplayDevice(part),
-                    seed=1,
-                    clock=Clock(wall_clock=False),
-                )
+def test_bone_given_is_not_changed():
+    bone = block()
+    before = bone.digest()
+    run = ended(Session(bone, TOOL, HandDevice(), seed=1, duration=2.0, clock=Clock(wall_clock=False)))
+    assert bone.digest() == before
+    cut, tick = run.snapshot()
+    assert (cut.digest(), tick) == run.digests[-1][::-1]
+    assert cut.removed > 0.1
+
+
+def test_a_coarse_burr_is_told():
+    """As README says, a result tells of a radius below 7.5 voxels."""
+    for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
+        bone = VoxelBone.block((16, 16, 4), spacing)
+        device = ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
+        run = ended(Session(bone, TOOL, device, seed=1, clock=Clock(wall_clock=False)))
+        assert [text for text in run.report().messages if "coarse" in text] == told
+
+
+def test_goes_on_from_a_saved_bone(tmp_path):
+    """Two halves with a continued tick index give the bone of one run."""
+    time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
+    whole = ended(session(ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
+    bone, tick = block(), 0
+    for part in np.array_split(load_trace(tmp_path / "whole.h5").array("device_position_mm"), 2):
+        half = ended(
+            Session(
+                StartingBone(bone, tick=tick),
+                TOOL,
+                ReplayDevice(part),
+                seed=1,
+                clock=Clock(wall_clock=False),
             )
-            save_bone(tmp_path / "bone.h5", *half.snapshot())
-            bone, tick = load_bone(tmp_path / "bone.h5")
-        assert (tick, bone.digest()) == (whole.ticks, whole.digests[-1][1])
-
-    def test_two_burrs(self, tmp_path):
-        sucker = Burr(2.0), Material("sucker", c_e=2.145, alpha=0.0)
-        devices = [HandDevice(), HandDevice(start=(6, 0, 2.5), strokes=0)]
-        path = tmp_path / "two.h5"
-        ended(
-            session_of(block(), [TOOL, sucker], devices, seed=3, wall_clock=False, duration=2.0, record=path)
         )
-        trace = load_trace(path)
-        assert replay(trace).equal
-        assert trace.array("removed_levels", burr=0).sum() > 0
-        assert trace.array("removed_levels", burr=1).sum() == 0
-        assert np.abs(trace.array("force_N", burr=1)).max() > 0.5
+        save_bone(tmp_path / "bone.h5", *half.snapshot())
+        bone, tick = load_bone(tmp_path / "bone.h5")
+    assert (tick, bone.digest()) == (whole.ticks, whole.digests[-1][1])
 
 
-class TestWallClock:
-    def test_records_what_replays(self, tmp_path):
-        path = tmp_path / "session.h5"
-        run = ended(session(wall_clock=True, duration=1.5, record=path))
-        trace = load_trace(path)
-        assert len(trace.ticks) == run.ticks == 1500
-        assert (replay(trace).equal, trace.digests[-1]) == (True, run.digests[-1])
-        report = run.report()
-        assert (report.follower["differing"], report.follower["tick"], report.recording["complete"]) == (
-            0, 1500, True,
-        )  # fmt: skip
-        assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
-        pushed, by_edge = replace(report, energy=[(0, 0.05)]), "round an edge the force law gives some"
-        assert (by_edge in str(pushed), by_edge in str(replace(report, energy=[(0, 0)]))) == (True, False)
-        assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
-        assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
-        assert sum(report.histograms["jitter"]) == 1499
+def test_two_burrs(tmp_path):
+    sucker = Burr(2.0), Material("sucker", c_e=2.145, alpha=0.0)
+    devices = [HandDevice(), HandDevice(start=(6, 0, 2.5), strokes=0)]
+    path = tmp_path / "two.h5"
+    ended(session_of(block(), [TOOL, sucker], devices, seed=3, wall_clock=False, duration=2.0, record=path))
+    trace = load_trace(path)
+    assert replay(trace).equal
+    assert trace.array("removed_levels", burr=0).sum() > 0
+    assert trace.array("removed_levels", burr=1).sum() == 0
+    assert np.abs(trace.array("force_N", burr=1)).max() > 0.5
 
-    def test_periods_before_the_first_position_are_in_no_histogram(self):
-        box = MailboxDevice(lost_after=60_000.0)
-        with session(box, wall_clock=True, duration=0.05) as run:
-            time.sleep(0.2)
-            box.put((0, 0, 2.8))
-            assert run.wait(60)
-        assert {name: int(sum(counts)) for name, counts in run.report().histograms.items()} == {
-            "tick_time": 50, "wall_time": 50, "jitter": 49, "lateness": 50,
-        }  # fmt: skip
 
-    def test_python_does_not_delay_the_loop(self):
-        """A call that holds the interpreter stops no tick."""
-        box = MailboxDevice(lost_after=60_000.0)
+# --- The wall clock ---------------------------------------------------------------------------------------
+
+
+def test_a_session_records_what_replays(tmp_path):
+    path = tmp_path / "session.h5"
+    run = ended(session(wall_clock=True, duration=1.5, record=path))
+    trace = load_trace(path)
+    assert len(trace.ticks) == run.ticks == 1500
+    assert (replay(trace).equal, trace.digests[-1]) == (True, run.digests[-1])
+    report = run.report()
+    assert (report.follower["differing"], report.follower["tick"], report.recording["complete"]) == (
+        0, 1500, True,
+    )  # fmt: skip
+    assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
+    pushed, by_edge = replace(report, energy=[(0, 0.05)]), "round an edge the force law gives some"
+    assert (by_edge in str(pushed), by_edge in str(replace(report, energy=[(0, 0)]))) == (True, False)
+    assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
+    assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
+    assert sum(report.histograms["jitter"]) == 1499
+
+
+def test_periods_before_the_first_position_are_in_no_histogram():
+    box = MailboxDevice(lost_after=60_000.0)
+    with session(box, wall_clock=True, duration=0.05) as run:
+        time.sleep(0.2)
         box.put((0, 0, 2.8))
-        with session(box, wall_clock=True) as run:
-            before, start = run.ticks, time.perf_counter()
-            while time.perf_counter() - start < 0.4:
-                pow(7, 200_000)  # one long call that keeps the interpreter to itself
-            assert run.ticks - before > 50  # of 400, on any machine
-
-    def test_mailbox(self):
-        box = MailboxDevice()
-        with session(box, wall_clock=True) as run:
-            assert not run.wait(0.2)  # the session waits for a first position
-            assert run.ticks == 0
-            for _ in range(100):
-                box.put((0, 0, 2.8), on=False)
-                time.sleep(0.002)
-            assert box.force[2] > 0.1
-            assert run.running
-            assert run.wait(10)  # no further positions come
-        assert run.failed
-        assert run.reason.startswith("device 0 was lost: its last position is 1")
-        assert run.messages[-1] == run.reason
-        np.testing.assert_array_equal(box.force, 0)
+        assert run.wait(60)
+    assert {name: int(sum(counts)) for name, counts in run.report().histograms.items()} == {
+        "tick_time": 50, "wall_time": 50, "jitter": 49, "lateness": 50,
+    }  # fmt: skip
 
 
-class TestSafety:
-    @staticmethod
-    def pressed(depth, **options):
-        """The burr's last record, after it stood still at a depth in the bone [mm]."""
-        script = ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
-        run = ended(session(script, **options))
-        return run.follower.take(run.follower.view())["newest"]["burr"][0]
+def test_python_does_not_delay_the_loop():
+    """A call that holds the interpreter stops no tick."""
+    box = MailboxDevice(lost_after=60_000.0)
+    box.put((0, 0, 2.8))
+    with session(box, wall_clock=True) as run:
+        before, start = run.ticks, time.perf_counter()
+        while time.perf_counter() - start < 0.4:
+            pow(7, 200_000)  # one long call that keeps the interpreter to itself
+        assert run.ticks - before > 50  # of 400, on any machine
 
-    def test_force_limit(self):
-        """Pressed deep, the force sent stays at the limit; the model's exceeds it."""
-        record = self.pressed(1.0, force_limit=2.0)
-        assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
-        assert np.linalg.norm(record["force"]) > 2.0
 
-    def test_slew_limit(self, tmp_path):
-        self.pressed(0.5, slew_limit=0.05, record=tmp_path / "slew.h5")
-        sent = load_trace(tmp_path / "slew.h5").array("sent_force_N")
-        assert np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1).max() <= 0.05 + 1e-12
-        assert sent[-1, 2] > 1.0
+def test_a_mailbox():
+    box = MailboxDevice()
+    with session(box, wall_clock=True) as run:
+        assert not run.wait(0.2)  # the session waits for a first position
+        assert run.ticks == 0
+        for _ in range(100):
+            box.put((0, 0, 2.8), on=False)
+            time.sleep(0.002)
+        assert box.force[2] > 0.1
+        assert run.running
+        assert run.wait(10)  # no further positions come
+    assert run.failed
+    assert run.reason.startswith("device 0 was lost: its last position is 1")
+    assert run.messages[-1] == run.reason
+    np.testing.assert_array_equal(box.force, 0)
 
-    def test_coupling_softens(self):
-        """For a still burr, spring and bone forces balance, and burr and device are apart."""
-        burr = self.pressed(0.5, coupling=1.0)
-        offset = burr["center"] - burr["device_position"]
-        np.testing.assert_allclose(burr["sent"], 1.0 * offset, atol=1e-9)
-        np.testing.assert_allclose(burr["sent"], burr["force"], atol=2e-4)
-        assert offset[2] > 0.1
 
-    def test_stability_is_told(self):
-        said = []
-        run = ended(session(HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append))
-        assert any(
-            re.search(r"N/mm, at its stiffest \d+\.\d\d of the device's limit; below", text) for text in said
-        )
-        at = run.report().stability[0]
-        assert at["limit_N_per_mm"] == pytest.approx(4.0)
-        assert at["ratio"] == pytest.approx(
-            at["stiffness_N_per_mm"] / 4.0, rel=0.05
-        )  # of the stiffest direction
+# --- Safety -----------------------------------------------------------------------------------------------
 
-    def test_another_law(self):
-        """The follower, which only gets positions, carves the same bone; from q = 2 on the limit is exceeded above."""
-        law = Material("law", c_e=2.145, alpha=0.087, force_exponent=2.0, rate_exponent=1.0)
-        tools, hands = (
-            [(BURR, law), (Burr(2.0), law)],
-            (HandDevice(push=0.8), HandDevice(push=0.5, start=(5, 0, 3.3))),
-        )
-        run = ended(session_of(block(), tools, hands, seed=1, duration=2.0, wall_clock=False))
-        report = run.report()
-        assert (report.follower["differing"], len({digest for _, digest in run.digests})) == (0, 3)
-        assert report.stability[0]["exceeded"] == "above"
-        assert "exceeded above" in str(report)
+
+def pressed(depth, **options):
+    """The burr's last record, after it stood still at a depth in the bone [mm]."""
+    script = ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
+    run = ended(session(script, **options))
+    return run.follower.take(run.follower.view())["newest"]["burr"][0]
+
+
+def test_force_limit():
+    """Pressed deep, the force sent stays at the limit; the model's exceeds it."""
+    record = pressed(1.0, force_limit=2.0)
+    assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
+    assert np.linalg.norm(record["force"]) > 2.0
+
+
+def test_coupling_softens():
+    """For a still burr, spring and bone forces balance, and burr and device are apart."""
+    burr = pressed(0.5, coupling=1.0)
+    offset = burr["center"] - burr["device_position"]
+    np.testing.assert_allclose(burr["sent"], 1.0 * offset, atol=1e-9)
+    np.testing.assert_allclose(burr["sent"], burr["force"], atol=2e-4)
+    assert offset[2] > 0.1
+
+
+def test_stability_is_told():
+    said = []
+    run = ended(session(HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append))
+    assert any(
+        re.search(r"N/mm, at its stiffest \d+\.\d\d of the device's limit; below", text) for text in said
+    )
+    at = run.report().stability[0]
+    assert at["limit_N_per_mm"] == pytest.approx(4.0)
+    assert at["ratio"] == pytest.approx(at["stiffness_N_per_mm"] / 4.0, rel=0.05)  # of the stiffest direction
+
+
+def test_another_law():
+    """The follower, which only gets positions, carves the same bone; from q = 2 on the limit is exceeded above."""
+    law = Material("law", c_e=2.145, alpha=0.087, force_exponent=2.0, rate_exponent=1.0)
+    tools, hands = (
+        [(BURR, law), (Burr(2.0), law)],
+        (HandDevice(push=0.8), HandDevice(push=0.5, start=(5, 0, 3.3))),
+    )
+    run = ended(session_of(block(), tools, hands, seed=1, duration=2.0, wall_clock=False))
+    report = run.report()
+    assert (report.follower["differing"], len({digest for _, digest in run.digests})) == (0, 3)
+    assert report.stability[0]["exceeded"] == "above"
+    assert "exceeded above" in str(report)
 
 
 BURR, BONE = TOOL
 HANDS = [HandDevice() for _ in range(3)]
 NO_TOOLS = r"tools must be \(Burr, Material\) or a list of such pairs, got"
-
-
-def stopped_first():
-    run = session()
-    run.stop()
-    run.start()
 
 
 def executor(**options):
@@ -254,7 +252,6 @@ def executor(**options):
             "devices must be a Device or a list of them, .*got")
           for devices in (3, ["hand"], None)),
         (lambda: ended(session(duration=0.1)).start(), ValueError, "session must be started once: it has been started or stopped"),
-        (stopped_first, ValueError, "session must be started once: it has been started or stopped"),
         *((make, ValueError, told) for make, told in [
             (lambda: session().follower.take(session().follower.view()),
              "view must be one of this follower"),
@@ -278,6 +275,7 @@ def test_never_started(tmp_path):
     run.stop()
     assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
     assert run.wait()
+    refused((run.start, "session must be started once: it has been started or stopped"))
     run = session(record=tmp_path / "a.h5")  # a signal in `start`, before the first tick
     run.stop("stopped by KeyboardInterrupt")
     assert run.report().state == load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"

@@ -130,20 +130,18 @@ def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("ask", "error", "sentence"),
     [
-        ({"threshold": 0}, "threshold must be positive, got 0"),
-        ({"hysteresis": float("nan")}, "hysteresis must be positive, got nan"),
-        ({"burr": 1}, "burr must be an index below 1, got 1"),
+        *((lambda trace, options=options: session_metrics(trace, **options), ValueError, words) for options, words in [
+            ({"threshold": 0}, "threshold must be positive, got 0"),
+            ({"hysteresis": float("nan")}, "hysteresis must be positive, got nan"),
+            ({"burr": 1}, "burr must be an index below 1, got 1"),
+        ]),
+        *((lambda _, ask=ask: ask("session.h5"), TypeError,
+            r"trace must be a Trace, as load_trace gives it, got 'session\.h5'") for ask in (session_metrics, replay)),
     ],
-)
-def test_wrong_parameters(tmp_path, options, told):
+)  # fmt: skip
+def test_what_is_refused(tmp_path, ask, error, sentence):
     trace = trace_of(tmp_path, np.zeros((10, 3)))
-    with pytest.raises(ValueError, match=told):
-        session_metrics(trace, **options)
-
-
-@pytest.mark.parametrize("ask", [session_metrics, replay])
-def test_a_name_is_no_trace(ask):
-    with pytest.raises(TypeError, match=r"trace must be a Trace, as load_trace gives it, got 'session\.h5'"):
-        ask("session.h5")
+    with pytest.raises(error, match=sentence):
+        ask(trace)

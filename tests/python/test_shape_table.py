@@ -176,38 +176,33 @@ def test_command_line_and_store(tmp_path, capsys):
         ("x,f 0,1 0.5,0.2 0.9,0", "own.csv: the last x of a table must be 1, got 0.9"),
     ],
 )
-def test_files_that_are_no_shape(rows, told, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.csv").write_text(rows.replace(" ", "\n"))
+def test_files_that_are_no_shape(rows, told, here, capsys):
+    (here / "own.csv").write_text(rows.replace(" ", "\n"))
     assert f"--shape: {told}" in refusal(capsys, "fit", "curve.csv", "--shape", "own.csv")
     assert "none.csv: No such file" in refusal(capsys, "fit", "curve.csv", "--shape", "none.csv")
 
 
 @pytest.mark.parametrize(
-    ("x", "f", "options", "said"),
+    ("make", "sentence"),
     [
-        ([0, 1], [1, 0], {}, "points of a table must be 3 to 256, got 2"),
-        ([0, 0.5, 1], [1, 0], {}, "f must be as long as x, 3, got 2"),
-        ([0, 0.5, 1], [1, np.nan, 0], {}, "every f of a table must be finite, got nan"),
-        ([0, 0.5, 0.5, 1], [1, 0.6, 0.5, 0], {}, "x of a table must be rising by 1e-6 or more, got 0.5"),
-        ([0.1, 0.5, 1], [1, 0.5, 0], {}, "the first x of a table must be 0, got 0.1"),
-        ([0, 0.5, 0.9], [1, 0.5, 0], {}, "the last x of a table must be 1, got 0.9"),
-        ([0, 0.5, 1], [1, 1.2, 0], {}, r"f of a table must be at most f\(0\) = 1, its maximum, got 1.2"),
-        ([0, 0.5, 1], [1, 0.5, -0.1], {}, "f of a table must be zero or positive, got -0.1"),
-        ([0, 0.5, 1], [1, 0, 0], {}, r"f of a table must be above 1e-9 f\(0\) below x = 1, got 0"),
-        ([0, 0.5, 1], [1, 0.5, 0], {"order": 9}, r"order of a table with f\(1\) = 0 must be in \(0, 8\], got 9"),
-        ([0, 0.5, 1], [1, 0.5, 0.1], {"order": 1}, r"order of a table with f\(1\) above 0 must be 0, got 1"),
-        ([0, 0.5, 1], "abc", {}, "f of a table must be a list of numbers, got 'abc'"),
+        *((lambda x=x, f=f, options=options: Shape.from_table(x, f, **options), words) for x, f, options, words in [
+            ([0, 1], [1, 0], {}, "points of a table must be 3 to 256, got 2"),
+            ([0, 0.5, 1], [1, 0], {}, "f must be as long as x, 3, got 2"),
+            ([0, 0.5, 1], [1, np.nan, 0], {}, "every f of a table must be finite, got nan"),
+            ([0, 0.5, 0.5, 1], [1, 0.6, 0.5, 0], {}, "x of a table must be rising by 1e-6 or more, got 0.5"),
+            ([0.1, 0.5, 1], [1, 0.5, 0], {}, "the first x of a table must be 0, got 0.1"),
+            ([0, 0.5, 0.9], [1, 0.5, 0], {}, "the last x of a table must be 1, got 0.9"),
+            ([0, 0.5, 1], [1, 1.2, 0], {}, r"f of a table must be at most f\(0\) = 1, its maximum, got 1.2"),
+            ([0, 0.5, 1], [1, 0.5, -0.1], {}, "f of a table must be zero or positive, got -0.1"),
+            ([0, 0.5, 1], [1, 0, 0], {}, r"f of a table must be above 1e-9 f\(0\) below x = 1, got 0"),
+            ([0, 0.5, 1], [1, 0.5, 0], {"order": 9}, r"order of a table with f\(1\) = 0 must be in \(0, 8\], got 9"),
+            ([0, 0.5, 1], [1, 0.5, 0.1], {"order": 1}, r"order of a table with f\(1\) above 0 must be 0, got 1"),
+            ([0, 0.5, 1], "abc", {}, "f of a table must be a list of numbers, got 'abc'"),
+        ]),
+        *((lambda name=name: Shape(name), r"a table must read table\(k;x:f,x:f,...\), got 'table")
+          for name in ("table()", "table(1;0:1,1)", "table(1;0:1,0.5:0.5,1:0", "table(0:1,0.5:0.5,1:0)")),
     ],
 )  # fmt: skip
-def test_refusals(x, f, options, said):
-    with pytest.raises(ValueError, match=said):
-        Shape.from_table(x, f, **options)
-
-
-@pytest.mark.parametrize(
-    "name", ["table()", "table(1;0:1,1)", "table(1;0:1,0.5:0.5,1:0", "table(0:1,0.5:0.5,1:0)"]
-)
-def test_names_that_are_no_table(name):
-    with pytest.raises(ValueError, match=r"a table must read table\(k;x:f,x:f,...\), got 'table"):
-        Shape(name)
+def test_refusals(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

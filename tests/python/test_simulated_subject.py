@@ -270,11 +270,6 @@ COARSE = Block(voxel=0.2)
 NAMES = ["bone", "pettigrew", "pvc"]
 
 
-def felt(name, hand, mode, *, bone=COARSE):
-    interval = Interval(Stimulus(name, burrlab.materials[name]), 1, 20.0)
-    return render(interval, hand, burr=BURR, bone=bone, mode=mode, wall_clock=False)
-
-
 def made(force, depth, *, mode="probing"):
     """An interval with this force [N] and immersion [mm] at each tick; penetration is half the immersion."""
     ticks = np.zeros(len(force), TICK)
@@ -361,7 +356,8 @@ def test_sinking_is_depth_over_contact():
 
 @pytest.mark.parametrize("name", ["bone", "pvc"])
 def test_twenty_seconds_of_drilling_stay_within_the_default_block(name):
-    found = felt(name, drilling_hand(BURR), "drilling")
+    interval = Interval(STIMULI[name], 1, 20.0)
+    found = render(interval, drilling_hand(BURR), burr=BURR, bone=COARSE, mode="drilling", wall_clock=False)
     force, x = found.ticks["force"][:, 2], found.ticks["center"][:, 0]
     assert found.ended == "time"
     # The push on a burr that sinks at v is less by grip v follow and damping v.

@@ -300,22 +300,17 @@ def test_a_study_that_is_killed_goes_on(tmp_path):
     assert len(calls(tmp_path)) - begun == 100 - done
 
 
-def unstorable(number: int) -> set[int]:
-    return {number}
-
-
 @pytest.mark.parametrize(
     ("function", "items", "options", "error", "told"),
     [
         (work, [Item(1)], {"executor": "threads"}, TypeError, r"of a dask client its client\.get_executor\(\), got 'threads'"),
         *((work, [Item(1)], {"chunk": chunk}, ValueError,
             f"chunk must be a whole number from 1, got {chunk}") for chunk in (0, 1.5)),
-        (unstorable, [1, 2], {"store": "s.jsonl"}, TypeError, "a result that is stored"),
-        (unstorable, [object()], {"store": "s.jsonl"}, TypeError, "item must be made of"),
+        (complex, [1, 2], {"store": "s.jsonl"}, TypeError, "a result that is stored"),
+        (complex, [object()], {"store": "s.jsonl"}, TypeError, "item must be made of"),
         (work, [Item(1)], {"store": __file__}, ValueError, "store must be a file of burrlab results"),
     ],
 )  # fmt: skip
-def test_what_is_refused(tmp_path, monkeypatch, function, items, options, error, told):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_refused(here, function, items, options, error, told):
     with pytest.raises(error, match=told):
         run_items(function, items, **options)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from burrlab import Burr, Store, VoxelBone, descend, force_sweep, half_space, materials
+from burrlab.common.study import Study
 from burrlab.descent.sweep import SweepItem, item_seed, run_item, specimen_seed
 
 BURR, BONE = Burr(3.0), materials["bone"]
@@ -137,11 +138,9 @@ def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
 
 
 def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
-    import burrlab.common.study as module
-
     path, notes = tmp_path / "s.jsonl", tmp_path / "notes"
     options = {"repeats": 8, "specimen": Fuller(120, str(notes)), "store": path}
-    finished, keep = [], module.Study._keep
+    finished, keep = [], Study._keep
 
     def stop_after_two(study, i, row):
         keep(study, i, row)
@@ -149,7 +148,7 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
         if len(finished) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(module.Study, "_keep", stop_after_two)
+    monkeypatch.setattr(Study, "_keep", stop_after_two)
     done = 24 - sweep(**options).status.count("interrupted")
     assert 2 <= done == len(Store(path)) < 24
     monkeypatch.undo()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import ndimage, stats
 
 import burrlab
 
@@ -28,10 +28,7 @@ Floats = NDArray[np.float64]
 def removed_centroid_off_axis(specimen: burrlab.Specimen, bone: burrlab.VoxelBone) -> float:
     """Distance of the removed bone's centroid from the axis of the descent [mm]."""
     removed = bone.pristine.astype(float) - bone.density
-    nz, ny, nx = bone.shape
-    x, y, z = (bone.origin[i] + bone.spacing[i] * np.arange(n) for i, n in enumerate((nx, ny, nz)))
-    total = removed.sum()
-    centroid = np.array([removed.sum((0, 1)) @ x, removed.sum((0, 2)) @ y, removed.sum((1, 2)) @ z]) / total
+    centroid = bone.origin + np.multiply(ndimage.center_of_mass(removed)[::-1], bone.spacing)
     away = centroid - specimen.surface
     return float(np.linalg.norm(away - (away @ specimen.axis) * specimen.axis))
 

@@ -1,16 +1,15 @@
 """Comparison of removed bone with a region: exact sums by tissue."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
+from command_line import result, said
 from session_scenes import ended, session_of
 
 from burrlab import LabelVolume, Tissue, Tissues, VoxelBone, materials, write_volume
 from burrlab.anatomy.target import compare_with_target
-from burrlab.cli import main
 
 SHAPE = (9, 10, 12)
 
@@ -31,23 +30,26 @@ def labels_on(bone: VoxelBone, region: np.ndarray) -> LabelVolume:
     return LabelVolume(region.astype(np.uint8) * 3, *place, "target.nrrd")
 
 
+BONE, REGION, NUMBERS = carved()
+LABELS = labels_on(BONE, REGION)
+
+
 def test_sums_by_tissue_are_those_of_the_voxels():
-    bone, region, numbers = carved()
-    found = compare_with_target(bone, region)
+    found = compare_with_target(BONE, REGION)
     unit = 0.2 * 0.3 * 0.5 / 255
-    now, lost = bone.density.astype(int), bone.pristine.astype(int) - bone.density
+    now, lost = BONE.density.astype(int), BONE.pristine.astype(int) - BONE.density
     assert found.tissues == ("bone", "nerve")
     for k in range(2):
-        here = numbers == k
+        here = k == NUMBERS
         for part, levels, where in (
-            (found.overlap, lost, region),
-            (found.missed, now, region),
-            (found.excess, lost, ~region),
+            (found.overlap, lost, REGION),
+            (found.missed, now, REGION),
+            (found.excess, lost, ~REGION),
         ):
             assert part[k] == pytest.approx(levels[here & where].sum() * unit, rel=1e-14)
-    assert found.removed == pytest.approx(bone.removed, rel=1e-12)
+    assert found.removed == pytest.approx(BONE.removed, rel=1e-12)
     due = {
-        "volume": region.sum() * 0.03, "planned": bone.pristine[region].astype(int).sum() * unit,
+        "volume": REGION.sum() * 0.03, "planned": BONE.pristine[REGION].astype(int).sum() * unit,
         "percent": 100 * found.overlap.sum() / found.planned,
         "dice": 2 * found.overlap.sum() / (found.planned + found.removed),
     }  # fmt: skip
@@ -55,15 +57,12 @@ def test_sums_by_tissue_are_those_of_the_voxels():
 
 
 def test_slabs_change_nothing_nor_labels_for_an_array(monkeypatch):
-    bone, region, _ = carved()
-    whole = compare_with_target(bone, region).to_dict()
-    assert compare_with_target(bone, labels_on(bone, region)).to_dict() == whole
+    whole = compare_with_target(BONE, REGION).to_dict()
+    assert compare_with_target(BONE, LABELS).to_dict() == whole
     monkeypatch.setattr("burrlab.anatomy.target.AT_A_TIME", 250)
-    assert compare_with_target(bone, region).to_dict() == whole
+    assert compare_with_target(BONE, REGION).to_dict() == whole
 
 
-BONE, REGION, _ = carved()
-LABELS = labels_on(BONE, REGION)
 SCAN = replace(LABELS, labels=LABELS.labels.astype(np.int16) - 1000, path="ct.nrrd")
 GREYS = replace(LABELS, labels=np.arange(LABELS.labels.size).reshape(LABELS.shape) % 200, path="ct.nrrd")
 GREY = r"ct\.nrrd: labels must be zero or positive, got -1000: is this a grey volume\?"
@@ -91,14 +90,13 @@ def test_bad_targets_are_refused(target, onto, told):
 
 def test_a_target_on_other_voxels_is_brought_onto_the_bone():
     """The region is the same from half as large voxels, from a part of them, and in a turned volume."""
-    bone, region, _ = carved()
-    expected = compare_with_target(bone, region).to_dict()
+    expected = compare_with_target(BONE, REGION).to_dict()
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
-    labels = replace(labels_on(bone, region), origin=turn @ np.array(bone.origin), direction=turn)
+    labels = replace(LABELS, origin=turn @ np.array(BONE.origin), direction=turn)
     finer = labels.resample(labels.spacing / 2)
     places = np.argwhere(finer.labels)
     for target in (finer, finer.crop_voxels(tuple(places.min(axis=0)), tuple(places.max(axis=0) + 1))):
-        assert compare_with_target(bone, target, onto=True).to_dict() == expected
+        assert compare_with_target(BONE, target, onto=True).to_dict() == expected
 
 
 def drilled_session(bone, record, tick=0):
@@ -109,20 +107,9 @@ def drilled_session(bone, record, tick=0):
     ).snapshot()
 
 
-@pytest.fixture
-def metrics(capsys):
-    """Output of the command for a trace: its JSON, or its status and text."""
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-
-    def run(*words):
-        status, said = main(["metrics", *map(str, words)]), capsys.readouterr()
-        return json.loads(said.out)["target"] if "--json" in words else (status, said.out + said.err)
-
-    return run
-
-
-def test_command_line(tmp_path, metrics):
+def test_command_line(tmp_path, capsys):
     """With a trace of a bone and a target in a file, as from another program."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     bone, record = nerve_bone(), tmp_path / "session.h5"
     region = np.zeros(bone.shape, bool)
     region[-5:] = True
@@ -133,26 +120,24 @@ def test_command_line(tmp_path, metrics):
     expected = compare_with_target(drilled_session(bone, record)[0], region).to_dict()
     assert expected["overlap_mm3"] > 0
     for words in (("target.nrrd",), ("finer.nrrd", "--onto")):
-        found = metrics(record, "--json", "-", "--target", tmp_path / words[0], *words[1:])
+        found = result(capsys, "metrics", record, "--target", tmp_path / words[0], *words[1:])["target"]
         assert {key: found[key] for key in expected} == expected
-    status, said = metrics(record, "--target", tmp_path / "target.nrrd")
-    assert (status, "% of the target's" in said, "before this session" in said) == (0, True, False)
-    for words, told in (
-        (("--onto",), "--onto goes with --target"),
-        (("--target", tmp_path / "wrong.nrrd"), "must have the same geometry"),
-    ):
-        status, said = metrics(record, *words)
-        assert (status, told in said) == (2, True)
+    report = said(capsys, "metrics", record, "--target", tmp_path / "target.nrrd")
+    assert ("% of the target's" in report, "before this session" in report) == (True, False)
+    assert "--onto goes with --target" in said(capsys, "metrics", record, "--onto", status=2)
+    wrong = said(capsys, "metrics", record, "--target", tmp_path / "wrong.nrrd", status=2)
+    assert "must have the same geometry" in wrong
 
 
-def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, metrics):
+def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, capsys):
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     bone, target, tick = nerve_bone(), tmp_path / "target.nrrd", 0
     write_volume(target, labels_on(bone, np.ones(bone.shape, bool)))
     for record in (tmp_path / "session.h5", tmp_path / "next.h5"):
         before = bone.removed
         bone, tick = drilled_session(bone, record, tick)
-        found = metrics(record, "--target", target, "--json", "-")
+        found = result(capsys, "metrics", record, "--target", target)["target"]
         assert found["removed_before_mm3"] == before
         assert found["removed_mm3"] == pytest.approx(bone.removed, rel=1e-12)
-    said = metrics(record, "--target", target)[1]
-    assert f"{before:.2f} mm^3 of that were removed before this session" in said
+    report = said(capsys, "metrics", record, "--target", target)
+    assert f"{before:.2f} mm^3 of that were removed before this session" in report

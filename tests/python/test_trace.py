@@ -1,11 +1,11 @@
-"""Traces: recorded values come back to the bit, whatever ended the recording."""
+"""Traces: recorded values come back to the bit, whatever ended the recording; other and damaged files are refused."""
 
 import dataclasses
-import os
-import subprocess
+import re
 import sys
-import textwrap
 import time
+import zlib
+from pathlib import Path
 from unittest.mock import Mock
 
 import h5py
@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from session_scenes import (
     FakeReader,
+    file_size_limit,
     make_records,
     many_records,  # noqa: F401
     new_writer,
@@ -204,36 +205,17 @@ def test_a_count_that_cannot_be_written_does_not_count(file, records, monkeypatc
     assert len(burrlab.load_trace(file)) == 0
 
 
-def test_a_limit_of_the_system_ends_recording(file):
-    """A separate process writes beyond a real limit (RLIMIT_FSIZE)."""
-    script = textwrap.dedent("""
-        import resource, sys
-        from session_scenes import *
-        start = small_bone()
-        records = make_records(small_bone(), 1500)
-        writer = new_writer(sys.argv[1], FakeReader(records), start, tools(), seed=SEED, duration=5)
-        limit = writer._places["ticks"] + 1000 * writer._row_bytes + 17
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-        writer.start()
-        writer.stop()
-        print(writer.recorded, writer.ended, "|", writer.warning)
-    """)
-    run = subprocess.run(
-        [sys.executable, "-c", script, str(file)], capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
-    assert run.stdout.startswith(
-        "1000 recording ended before tick 1000: the file could not be written: File too large"
-    )
+def test_a_limit_of_the_system_ends_recording(file, records):
+    """The recorder writes beyond a real limit (RLIMIT_FSIZE)."""
+    recorder = writer(file, records)
+    with file_size_limit(recorder._places["ticks"] + 1000 * recorder._row_bytes + 17):
+        recorder.start()
+        recorder.stop()
+    sentence = "recording ended before tick 1040: the file could not be written: File too large"
+    assert (recorder.recorded, recorder.ended) == (1000, sentence)
     trace = burrlab.load_trace(file)
-    assert len(trace) == 1000
-    assert trace.ended.endswith("File too large")
+    assert (len(trace), trace.ended) == (1000, sentence)
     assert burrlab.replay(trace).equal
-
-
-class Broken:
-    def take(self, most=0):
-        raise RuntimeError("the ring is gone")
 
 
 @pytest.mark.parametrize(
@@ -245,7 +227,7 @@ class Broken:
          "before tick 540: the record of the next tick is missing, tick 541 came"),
         (FakeReader, {"duration": 1.0}, 1000,
          "before tick 1040: the file has no room for more ticks: its duration is over"),
-        (lambda records: Broken(), {}, 0, "before tick 40: recording failed: the ring is gone"),
+        (lambda _: Mock(take=Mock(side_effect=RuntimeError("the ring is gone"))), {}, 0, "before tick 40: recording failed: the ring is gone"),
     ],
 )  # fmt: skip
 def test_what_ends_recording(file, records, reader, options, kept, said):
@@ -277,7 +259,6 @@ def test_frames_and_columns(file, monkeypatch):
     np.testing.assert_array_equal(
         table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
     )
-    assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
     assert main(["export", str(file), "--out", str(file.with_suffix(".csv"))]) in (0, None)
     rows = np.genfromtxt(file.with_suffix(".csv"), delimiter=",", names=True)
     assert rows["index"].tolist() == np.repeat(trace.ticks["index"], 2).tolist()
@@ -321,13 +302,6 @@ def test_wrong_parameters(file, change, said):
     assert list(file.parent.iterdir()) == []
 
 
-def test_no_file_is_overwritten(file, records):
-    record(file, records)
-    with pytest.raises(FileExistsError, match="path must be a new file"):
-        writer(file)
-    assert_holds(burrlab.load_trace(file), records)
-
-
 def test_a_file_that_is_not_whole_has_not_its_name(file, monkeypatch):
     create = trace_writer.create
 
@@ -363,20 +337,188 @@ def test_without_hard_links(file, monkeypatch):
     assert burrlab.load_trace(file).complete
 
 
-def test_longer_than_a_file_can_be(file):
-    """The refusal is one sentence, and no file stays."""
-    with pytest.raises(OSError, match=r"could not be made|File too large"):
-        writer(file, duration=1e14)
-    assert list(file.parent.iterdir()) == []
+def test_a_recorder_is_for_one_new_file_that_can_be(file, records):
+    """The refusals are one sentence; the older trace stays, and nothing else."""
+    recorder = record(file, records)
+    refused(
+        (recorder.start, "recording must be started once: it has been started or stopped"),
+        (lambda: writer(file), "path must be a new file", FileExistsError),
+        (lambda: writer(file.parent / "nowhere" / "session.h5"), "folder must exist, got", OSError),
+        (
+            lambda: writer(file.with_name("long.h5"), duration=1e14),
+            "could not be made|File too large",
+            OSError,
+        ),
+    )
+    assert_holds(burrlab.load_trace(file), records)
+    assert list(file.parent.iterdir()) == [file]
 
 
-def test_started_once(file):
-    made = writer(file)
+# --- Files that are no trace, or a damaged one: each is refused in one sentence, none gives a wrong value ---
+
+
+FLAT = Path(__file__).parents[1] / "golden/files/flat.burr"  # 60 ticks of two burrs
+ROW, END = 32 + 2 * 192, 200  # bytes
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "said"),
+    [
+        (lambda file: None, FileNotFoundError, None),
+        (lambda file: file.write_bytes(b""), ValueError, "is not a burrlab trace: not an HDF5 file"),
+        (lambda file: burrlab.save_bone(file, small_bone()), ValueError, r"is not a burrlab trace$"),
+    ],
+    ids=["missing", "empty", "a bone"],
+)
+def test_what_is_no_trace(file, make, error, said):
+    make(file)
+    with pytest.raises(error, match=said):
+        burrlab.load_trace(file)
+
+
+def blank(row, name, value):
+    def change(file):
+        now = file["ticks"][row]
+        now[name] = value
+        file["ticks"][row] = now
+
+    return change
+
+
+def _set(name, value):
+    return lambda trace: trace.attrs.__setitem__(name, value)
+
+
+def _replace(name, data):
+    def change(trace):
+        del trace[name]
+        trace[name] = data
+
+    return change
+
+
+def test_a_byte_lost_in_a_compressed_row_is_an_error(file, records):
+    record(file, records)
+    with h5py.File(file) as plain:
+        chunk = plain["ticks"].id.get_chunk_info(0)
+    data = bytearray(file.read_bytes())
+    for i in range(100):
+        data[chunk.byte_offset + chunk.size // 2 + i] ^= 0xFF
+    file.write_bytes(data)
+    with pytest.raises(ValueError, match="is damaged"):
+        burrlab.load_trace(file)
+
+
+@pytest.mark.parametrize("duration", [0.001, 1.0, 3600.0])
+def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
+    made = writer(file, duration=duration)
+    at = made._places
+    small = [at[name] for name in ("recorded", "digests_recorded", "ended", "complete")]
+    assert max(small) < min(at["ticks"], at["digests"])
+    assert all(place % 64 == 0 for place in [*small, at["ticks"], at["digests"]])
     made.stop()
-    with pytest.raises(ValueError, match="recording must be started once: it has been started or stopped"):
-        made.start()
 
 
-def test_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(OSError, match="folder must exist, got"):
-        writer(tmp_path / "nowhere" / "session.h5")
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_set("format_version", 5), "a burrlab trace of format 5, and this version reads up to 4"),
+        (lambda trace: trace.__delitem__("ticks"), "damaged"),
+        (lambda trace: trace.attrs.__delitem__("seed"), "damaged"),
+        (_replace("recorded", np.uint64(21)), ".*21 ticks are counted, and there is room for 20"),
+        (blank(7, "index", 0), "damaged: the row of tick 47 holds something else"),
+        (blank(3, "k", 0), "damaged: the row of tick 43 holds something else"),
+        (lambda trace: trace["volume/density"].__setitem__((0, 0, 0), 3), "damaged: the bone has digest"),
+        (_set("initial_digest", "0" * 32), ".*its volume is not the one that the session began with"),
+        *((change, "") for change in (
+            _set("burrs", 3), _set("burrs", "two"), _set("burrs", np.inf), _set("seed", "x"), _set("period_ms", "long"),
+            _set("first_tick", -1.5), _set("format_version", "new"), _set("initial_digest", [1, 2]),
+            _replace("note", "{not JSON"), _replace("note", np.bytes_(b"\xff\xfe")), _replace("note", 5),
+            _replace("ticks", 5), _replace("recorded", np.zeros(3)),
+            _replace("volume/density", np.zeros(5, np.uint8)), _replace("volume/density", np.zeros((2, 2, 2))),
+            lambda trace: trace.__delitem__("tools/0"), lambda trace: trace["tools/0"].attrs.__setitem__("shape", "odd"),
+            lambda trace: trace["tools/0"].attrs.__setitem__("radius_mm", np.nan),
+            lambda trace: trace["tools/0"].attrs.__setitem__("force_exponent", 0.5),
+            lambda trace: trace["volume"].attrs.__setitem__("spacing_mm", [0.0, 1.0, 1.0]),
+            lambda trace: trace["volume"].attrs.__setitem__("tick", "late"),
+        )),
+    ],
+)  # fmt: skip
+def test_content_that_no_session_wrote(file, records, change, said):
+    """The file is refused in a sentence that names it."""
+    record(file, records[:20])
+    with h5py.File(file, "r+") as trace:
+        change(trace)
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is {said}"):
+        burrlab.load_trace(file)
+
+
+def test_cut_short(file, records):
+    record(file, records[:200])
+    whole = file.read_bytes()
+    parts = [(int(part), "") for part in np.linspace(0, len(whole) - 1, 40)]
+    for part, sentence in [(-500, "damaged: it was cut short"), *parts]:
+        file.write_bytes(whole[:part])
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is {sentence}"):
+            burrlab.load_trace(file)
+
+
+@pytest.mark.parametrize("lost", [1, END, END + 1, END + ROW - 1, END + ROW, END + 60 * ROW])
+def test_a_flat_file_of_a_killed_program(tmp_path, lost):
+    """It is read up to its last whole row; what is left of its end is less than a row."""
+    (file := tmp_path / "killed.burr").write_bytes(FLAT.read_bytes()[:-lost])
+    trace, whole = burrlab.load_trace(file), burrlab.load_trace(FLAT)
+    assert trace.ticks.tobytes() == whole.ticks[: 60 - max(lost - END + ROW - 1, 0) // ROW].tobytes()
+    assert (trace.ended, trace.complete, trace.digests) == ("", False, ())
+
+
+def test_a_flat_file_with_a_changed_byte(tmp_path):
+    """It is refused; without the word "end" it is that of a killed program."""
+    whole, file = bytearray(FLAT.read_bytes()), tmp_path / "changed.burr"
+    end = len(whole) - END
+    for at in [*range(0, end, 307), *range(end, len(whole))]:
+        whole[at] ^= 1 << at % 8
+        file.write_bytes(whole)
+        if end <= at < end + 5:
+            assert (len(burrlab.load_trace(file)), burrlab.load_trace(file).ended) == (60, "")
+        else:
+            with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+                burrlab.load_trace(file)
+        whole[at] ^= 1 << at % 8
+        file.unlink()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((b"12 13 19 ", b"99999 99999 99999 "), "is damaged: its bone needs .* GB of memory"),
+        ((b" 2 0.59999999999999998 ", b" 3 0.59999999999999998 "), "is damaged"),
+        ((b" 2 0.59999999999999998 ", b" 2 nan "), "is damaged: radius must be positive and finite, got nan"),
+        ((b'"made', b'"\xff'), "is damaged: 'utf-8' codec"),
+        ((b"flat file 1 ", b"flat file 2 "), "is not a flat file of format 1, the newest that is known"),
+    ],
+)  # fmt: skip
+def test_a_flat_header_that_no_program_wrote(tmp_path, words, said):
+    """The checksum of the header is right."""
+    line, rest = FLAT.read_bytes().replace(*words, 1).split(b"\n", 1)
+    *_, version, size, _ = line.split()
+    change = len(words[1]) - len(words[0]) if words[0] not in line and version == b"1" else 0
+    head = rest[: int(size) + change]
+    line = b"burrlab flat file %s %d %d" % (version, len(head), zlib.adler32(head))
+    (file := tmp_path / "made.burr").write_bytes(line + b"\n" + rest)
+    with pytest.raises(ValueError, match=said):
+        burrlab.load_trace(file)
+
+
+def test_a_flat_bone_is_no_trace(tmp_path):
+    bone, trace = tmp_path / "bone.burr", tmp_path / "trace.burr"
+    burrlab.save_bone(bone, small_bone())
+    trace.write_bytes(FLAT.read_bytes())
+    refused(
+        (lambda: burrlab.load_trace(bone), "bone.burr is not a burrlab trace: it holds a bone alone"),
+        (
+            lambda: burrlab.save_bone(trace, small_bone()),
+            "must be a new file or a burrlab bone",
+            FileExistsError,
+        ),
+    )

@@ -32,23 +32,21 @@ def test_levels_of_every_type(dtype: str) -> None:
     assert VoxelBone(bone.density, (0.1, 0.1, 0.1), (0, 0, 0)).digest() == bone.digest()
 
 
-@pytest.mark.parametrize("dtype", ["int16", "int64", "float32"])
-def test_a_range_need_not_begin_at_zero(dtype: str) -> None:
-    values = np.array([-100, 0, 50, 100], dtype=dtype).reshape(1, 1, 4)
-    assert VoxelBone(values, 1.0, range=(-100, 100)).density.ravel().tolist() == [0, 128, 191, 255]
+LEVELS = some_levels()
 
 
-def test_the_limit_of_a_range_in_single_precision() -> None:
-    assert VoxelBone(np.full((1, 1, 1), 0.1, np.float32), 1, range=(0, 0.1)).density[0, 0, 0] == 255
-
-
-def test_default_ranges() -> None:
-    levels = some_levels()
-    np.testing.assert_array_equal(VoxelBone(levels, 0.1).density, levels)
-    np.testing.assert_array_equal(VoxelBone(levels > 99, 0.1).density, np.where(levels > 99, 255, 0))
-    np.testing.assert_array_equal(
-        VoxelBone(levels.clip(0, 51), 0.1, range=(0, 51)).density, 5 * levels.clip(0, 51)
-    )
+@pytest.mark.parametrize(
+    ("values", "options", "levels"),
+    [
+        (LEVELS, {}, LEVELS), (LEVELS > 99, {}, np.where(LEVELS > 99, 255, 0)),
+        (LEVELS.clip(0, 51), {"range": (0, 51)}, 5 * LEVELS.clip(0, 51)),
+        *((np.array([[[-100, 0, 50, 100]]], kind), {"range": (-100, 100)}, [[[0, 128, 191, 255]]])
+          for kind in ("int16", "int64", "float32")),
+        (np.array([[[0.1]]], np.float32), {"range": (0, 0.1)}, [[[255]]]),  # a limit in single precision
+    ],
+)  # fmt: skip
+def test_ranges(values: np.ndarray, options: dict[str, tuple[float, float]], levels: np.ndarray) -> None:
+    np.testing.assert_array_equal(VoxelBone(values, 0.1, **options).density, levels)
 
 
 @pytest.mark.parametrize("order", ["strided", "fortran", "reversed", "big-endian"])

@@ -40,22 +40,26 @@ def data_sets(seeds: range) -> dict[str, tuple[list, dict]]:
             made[f"{name} pressed, sigma {seed}"] = [curve, press], {"residuals": "sigma"}
         wide = synthetic_curve(BURR, BONE, FORCES["wide"], scatter=scatter, repeats=1, seed=seed)
         c_e, alpha = 2.145 * random.uniform(0.8, 1.5), 0.087 * random.uniform(0.5, 2)
-        made[f"bounds of c_e {seed}"] = [wide], {"bounds": {"c_e": (c_e, 1.2 * c_e)}}
-        made[f"bounds of alpha {seed}"] = [wide], {"bounds": {"alpha": (alpha, 1.5 * alpha)}}
-        made[f"another shape {seed}"] = (
-            [wide],
-            {"law": str(random.choice(["linear", "quartic", "constant"]))},
-        )
-        made[f"shuffled {seed}"] = [replace(wide, velocity=random.permutation(wide.velocity))], {}
-        made[f"falling {seed}"] = [VelocityCurve([0.5, 1, 1.5, 2], np.sort(random.uniform(0.1, 3, 4))[::-1], radius=3)], {}  # fmt: skip
+        shape = str(random.choice(["linear", "quartic", "constant"]))
+        shuffled = random.permutation(wide.velocity)
+        falling = np.sort(random.uniform(0.1, 3, 4))[::-1]
         windows = {"window_start": np.full(6, 0.1), "window_end": random.uniform(0.6, 1.2, 6)}
-        made[f"windows {seed}"] = [replace(wide, **windows)], {}
         traces = [synthetic_trace(BURR, BONE, F, seed=seed) for F in (0.4, 0.8, 1.6)]
-        made[f"traces {seed}"] = traces, {}
-        made[f"traces, curve, pressed {seed}"] = [*traces, wide, press], {}
-        small = wide.velocity[:3]
-        censored = VelocityCurve([*FORCES["wide"][:3], 4.5], [*small, np.nan], status=["", "", "", "overloaded"], radius=3)  # fmt: skip
-        made[f"censored {seed}"] = [censored], {}
+        ends = {"status": ["", "", "", "overloaded"], "radius": 3}
+        made |= {
+            f"bounds of c_e {seed}": ([wide], {"bounds": {"c_e": (c_e, 1.2 * c_e)}}),
+            f"bounds of alpha {seed}": ([wide], {"bounds": {"alpha": (alpha, 1.5 * alpha)}}),
+            f"another shape {seed}": ([wide], {"law": shape}),
+            f"shuffled {seed}": ([replace(wide, velocity=shuffled)], {}),
+            f"falling {seed}": ([VelocityCurve([0.5, 1, 1.5, 2], falling, radius=3)], {}),
+            f"windows {seed}": ([replace(wide, **windows)], {}),
+            f"traces {seed}": (traces, {}),
+            f"traces, curve, pressed {seed}": ([*traces, wide, press], {}),
+            f"censored {seed}": (
+                [VelocityCurve([*FORCES["wide"][:3], 4.5], [*wide.velocity[:3], np.nan], **ends)],
+                {},
+            ),
+        }
     return made
 
 

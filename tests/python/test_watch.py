@@ -1,4 +1,4 @@
-"""A watch in a session: events at their ticks, doses, the trace, replay, gaps and a replica."""
+"""A watch: its refusals; in a session its events at their ticks, doses, the trace, replay and gaps."""
 
 import json
 from dataclasses import replace
@@ -7,9 +7,18 @@ import h5py
 import numpy as np
 import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
-from session_scenes import ended, refused, session_of
+from effects_scenes import bone_with_tissues
+from session_scenes import ended, refused, session_of, writer
 
-from burrlab import VoxelBone, _core, load_trace, session_metrics
+from burrlab import (
+    VoxelBone,
+    _core,
+    load_bone,
+    load_trace,
+    replay,
+    save_bone,
+    session_metrics,
+)
 from burrlab.anatomy import AnatomyReport, Watch, anatomy_report
 from burrlab.anatomy.events import KINDS
 from burrlab.session.replay import inputs
@@ -54,27 +63,18 @@ def recorded(tmp_path_factory):
     return ran(path, on_message=said.append), load_trace(path), said
 
 
-def test_events_come_at_the_ticks_of_the_definition(recorded) -> None:
-    _, trace, _ = recorded
-    watch = Watch(trace.bone(), **LIMITS)
-    for number, name in enumerate(watch.structures):
-        distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
-        told = reference.events(np.zeros(len(trace), int), distances, lost_of(trace, name), **LIMITS)
-        rows = trace.events[trace.events["structure"] == number]
-        assert [(int(e["tick"]), KINDS[e["kind"]], int(e["burr"])) for e in rows] == told
-        np.testing.assert_array_equal(rows["distance_mm"], distances[rows["tick"].astype(int)])
-    kinds = [KINDS[e["kind"]] for e in trace.events if e["structure"] == 0]
-    assert kinds == ["approach", "touch", "injury", "away", "approach", "away"]
-    assert (np.diff(trace.events["tick"].astype(int)) >= 0).all()
-
-
-def test_doses_are_those_of_the_definition(recorded) -> None:
+def test_events_and_doses_are_those_of_the_definition(recorded) -> None:
     session, trace, _ = recorded
     watch, report = Watch(trace.bone(), **LIMITS), session.anatomy()
     force = np.linalg.norm(trace.array("force_N"), axis=1)
     k, on = trace.ticks["k"].astype(float), trace.array("on") == 1
-    for name in watch.structures:
+    for number, name in enumerate(watch.structures):
         distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
+        lost = lost_of(trace, name)
+        told = reference.events(np.zeros(len(trace), int), distances, lost, **LIMITS)
+        rows = trace.events[trace.events["structure"] == number]
+        assert [(int(e["tick"]), KINDS[e["kind"]], int(e["burr"])) for e in rows] == told
+        np.testing.assert_array_equal(rows["distance_mm"], distances[rows["tick"].astype(int)])
         want, dose = reference.dose(distances, k, on, force, touch=LIMITS["touch"]), report.dose(name)
         assert dose.closest == want["closest"] == distances[dose.closest_tick]
         assert dose.closest_center == tuple(trace.array("center_mm")[dose.closest_tick])
@@ -83,7 +83,10 @@ def test_doses_are_those_of_the_definition(recorded) -> None:
             assert list(getattr(dose, field).values()) == pytest.approx(np.array(want[field]) / 1000)
         assert list(dose.mean_force.values()) == pytest.approx(want["mean_force"], nan_ok=True)
         assert list(dose.peak_force.values()) == pytest.approx(want["peak_force"])
-        assert dose.removed == pytest.approx(lost_of(trace, name).sum(), abs=1e-9)
+        assert dose.removed == pytest.approx(lost.sum(), abs=1e-9)
+    kinds = [KINDS[e["kind"]] for e in trace.events if e["structure"] == 0]
+    assert kinds == ["approach", "touch", "injury", "away", "approach", "away"]
+    assert (np.diff(trace.events["tick"].astype(int)) >= 0).all()
     assert report.dose("nerve").removed > 0.05
     assert report.closest["nerve"] == report.dose("nerve").closest < 0
 
@@ -205,12 +208,68 @@ def test_a_bone_without_tissues_has_no_watch(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ask", "told"),
+    ("call", "sentence"),
     [
+        *((lambda _, options=options: Watch(nerve_bone(), **options), sentence) for options, sentence in [
+            ({"structures": ["vein"]}, "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
+            ({"structures": ["unused"]}, "structure must have voxels, 'unused' has none"),
+            ({"structures": ["nerve", "nerve"]}, "structures must differ, got nerve, nerve"),
+            ({"structures": []}, "structures must be at least one, got none"),
+            ({"approach": 1.0, "touch": 1.5}, "approach of 'nerve' must be finite and at least touch, got 1"),
+            ({"approach": float("nan")}, "approach of 'nerve' must be finite"),
+            ({"approach": 15.0}, "approach of 'nerve' with hysteresis and radius must be at most 15 mm"),
+            ({"touch": -0.1}, "touch of 'nerve' must be zero or positive"),
+            ({"injury": -1.0}, "injury of 'nerve' must be zero or positive"),
+            ({"hysteresis": 0.0}, "hysteresis of 'nerve' must be positive"),
+            ({"approach": {"bone": 1.0}}, "approach must be of watched structures, got one of 'bone'"),
+        ]),
+        (lambda _: Watch(VoxelBone.block((2, 2, 2), 0.2)),
+         "bone must have tissues, got one of a single material"),
+        (lambda _: Watch(bone_with_tissues()), "structures must be named: no tissue of the bone is critical"),
+        (lambda _: run(watch=Watch(nerve_bone())),
+         "bone must be the one that the watch was made of, or a copy of it"),
+        (lambda _: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"),
+         "structure must be one of nerve, got 'sinus'"),
+        (lambda _: Watch(nerve_bone()).core([7.0]),
+         "radius of a burr that is watched must be at most 6 mm, got 7"),
         (lambda report: report.dose("bone"), "structure must be one of nerve, sinus, got 'bone'"),
         (lambda report: report.dose("nerve", 1), "burr must be an index below 1, got 1"),
     ],
-)
-def test_a_report_is_asked_for_what_it_has(recorded, ask, told) -> None:
-    with pytest.raises(ValueError, match=told):
-        ask(recorded[0].anatomy())
+)  # fmt: skip
+def test_what_is_refused(recorded, call, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        call(recorded[0].anatomy())
+
+
+def test_limits_and_structures_by_name() -> None:
+    watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
+    assert (watch.limits[0].approach, watch.structures) == (1.0, ("nerve",))
+
+
+def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
+    made = writer(tmp_path / "x.h5")
+    refused(
+        (lambda: made.add_events(np.zeros(0)), "events must be of a trace with a watch"),
+        (lambda: made.set_watched(None), "what was watched must be of a trace with a watch"),
+    )
+    made.stop()
+
+
+def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
+    """Session, trace and replay begin with a saved, partly removed bone with tissues."""
+
+    def lowered(bone, first, last, **options):
+        device = straight([(0, 0, first), (0, 0, last)], [0, 0.3])
+        return ran(bone=bone, devices=device, duration=0.3, **options)
+
+    save_bone(tmp_path / "bone.h5", *lowered(nerve_bone(), 1.5, -0.3, watch=None).snapshot())
+    bone, tick = load_bone(tmp_path / "bone.h5")
+    gone = bone.removed_of("nerve")
+    assert gone > 0
+    second = lowered(bone, -0.2, -0.8, tick=tick, path=tmp_path / "on.h5")
+    after, _ = second.snapshot()
+    report, trace = second.anatomy(), load_trace(tmp_path / "on.h5")
+    assert trace.first_tick == tick > 0
+    assert report.removed["nerve"] == pytest.approx(after.removed_of("nerve") - gone, abs=1e-9)
+    assert anatomy_report(trace).equals(report)
+    assert replay(trace).equal

@@ -239,18 +239,27 @@ def test_what_a_browser_can_call_and_change():
     ]
     values = [("title", "mine"), ("trame__template_main", "<img onerror=alert(1)>"), ("new", 1), ("slices", "/etc"), ("speed", -5),
               ("speed", True), ("wanted_s", nan), ("wanted_s", {})]  # fmt: skip
-    idle = [("trame.state.update", [{"key": key, "value": value}]) for key, value in values]
-    idle += [
+    triggers = [
+        ("drag", nan, 0.0, False),
+        ("drag", "x", 1, 2),
+        ("wheel", 1e999),
+        ("shown", 1e5, "a"),
+        ("none",),
+    ]
+    idle = [
+        *(("trame.state.update", [{"key": key, "value": value}]) for key, value in values),
         ("trame.state.update", 5),
         ("trame.state.update", [{"no": 1}]),
         ("trame.trigger",),
         ("trame.trigger", [], [], {}),
+        *(("trame.trigger", name, list(arguments), {}) for name, *arguments in triggers),
+        ("trame.lifecycle.update", "server_bind"),
+        ("trame.error.client", "a line\nof its own"),
     ]
-    idle += [("trame.trigger", name, list(arguments), {}) for name, *arguments in (
-        ("drag", nan, 0.0, False), ("drag", "x", 1, 2), ("wheel", 1e999), ("shown", 1e5, "a"), ("none",))]  # fmt: skip
-    idle += [("trame.lifecycle.update", "server_bind"), ("trame.error.client", "a line\nof its own")]
-    done = [("trame.state.update", [{"key": "slices", "value": True}, {"key": "speed", "value": 2}])]
-    done += [("trame.trigger", "drag", [0.5, 0.25, False], {})]
+    done = [
+        ("trame.state.update", [{"key": "slices", "value": True}, {"key": "speed", "value": 2}]),
+        ("trame.trigger", "drag", [0.5, 0.25, False], {}),
+    ]
     look = [("trame.state.get",)]
     _, _, (_, first, *answers, last), page = talked(calls=[*look, *gone, *idle, *done, *look])
     assert [answer["code"] for answer in answers[: len(gone)]] == [-32601] * len(gone)

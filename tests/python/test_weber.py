@@ -10,6 +10,7 @@ import pytest
 from answer_scenes import SMALL, protocol, run
 from scipy.special import ndtr
 from scipy.stats import binom, linregress, norm, t, ttest_1samp
+from session_scenes import refused
 
 import burrlab
 from burrlab.psychophysics import (
@@ -84,12 +85,11 @@ def test_alike_subjects_have_students_interval():
     assert single.slope_of("0") == pytest.approx(
         (lines[0].slope, lines[0].slope - wide, lines[0].slope + wide)
     )
-    with pytest.raises(ValueError, match="subject must be one of 0, got '1'"):
-        single.slope_of("1")
-    with pytest.raises(ValueError, match=r"level must be in \[0.5, 1\), got 1.5"):
-        SensitivityFunction.of(rows, level=1.5)
-    with pytest.raises(ValueError, match="parameter must be one of c_e, alpha, got 'k'"):
-        SensitivityFunction.of(rows, "k")
+    refused(
+        (lambda: single.slope_of("1"), "subject must be one of 0, got '1'"),
+        (lambda: SensitivityFunction.of(rows, level=1.5), r"level must be in \[0.5, 1\), got 1.5"),
+        (lambda: SensitivityFunction.of(rows, "k"), "parameter must be one of c_e, alpha, got 'k'"),
+    )
 
 
 def test_a_singular_fit_is_told():
@@ -142,17 +142,19 @@ def test_what_is_left_out():
         "2 of 42 left out, as the threshold may lie beyond the levels or nothing is beside it: 0 at 16, lonely at 1"
         in str(function)
     )
-    rounded = WeberFraction("0", 0.1 + 0.2, 0.2, 0.1), WeberFraction("0", 0.3, 0.2, 0.1)
-    for few in (odd, rounded):
-        with pytest.raises(ValueError, match="a subject with two references or more, got none"):
-            SensitivityFunction.of(few)
     assert WeberFraction("0", 1.0, 0.9, math.inf, open=True).open
-    with pytest.raises(ValueError, match="fraction must be above 0 and finite, got 0"):
-        WeberFraction("0", 1.0, 0.0, 0.1)
-    with pytest.raises(ValueError, match="levels must lie on one side of 1, got 2 on 2 sides"):
-        WeberFraction.of_levels([(0.9, 1, 2), (1.1, 1, 2)], subject="0", reference=1.0)
-    never = WeberFraction.of_levels([(1.5, 10, 20)], subject="0", reference=1.0)
-    assert never.open
+    assert WeberFraction.of_levels([(1.5, 10, 20)], subject="0", reference=1.0).open
+    rounded = WeberFraction("0", 0.1 + 0.2, 0.2, 0.1), WeberFraction("0", 0.3, 0.2, 0.1)
+    few, sides = "a subject with two references or more, got none", [(0.9, 1, 2), (1.1, 1, 2)]
+    refused(
+        (lambda: SensitivityFunction.of(odd), few),
+        (lambda: SensitivityFunction.of(rounded), few),
+        (lambda: WeberFraction("0", 1.0, 0.0, 0.1), "fraction must be above 0 and finite, got 0"),
+        (
+            lambda: WeberFraction.of_levels(sides, subject="0", reference=1.0),
+            "levels must lie on one side of 1, got 2 on 2 sides",
+        ),
+    )
 
 
 def test_curvature_is_seen():
@@ -295,11 +297,12 @@ def test_a_reference_may_have_trials_of_its_own(tmp_path):
     tasks = made([20, 10, 20])
     assert [tasks[f"up{i}"].trials for i in (1, 2, 3)] == [20, 10, 20]
     assert tasks["up2"].to_dict() == made(10)["up2"].to_dict()
-    for wrong in ([20, 10], [20, 10, 0.5]):
-        with pytest.raises(ValueError, match="trials must be a whole number, or one for each of references"):
-            made(wrong)
-    with pytest.raises(ValueError, match="trials must be at least 1, got 0"):
-        made([20, 0, 20])
+    each = "trials must be a whole number, or one for each of references"
+    refused(
+        (lambda: made([20, 10]), each),
+        (lambda: made([20, 10, 0.5]), each),
+        (lambda: made([20, 0, 20]), "trials must be at least 1, got 0"),
+    )
 
 
 def test_catch_trials(tmp_path):
@@ -319,7 +322,10 @@ def test_catch_trials(tmp_path):
         plain.answer(trial.correct if trial.level > 1.2 else {"first": "second"}.get(trial.correct, "first"))
     levels = Counter(trial.level for trial, _ in plain.answered)
     assert {level: n for level, _, n in subject.levels} == pytest.approx(levels)
-    phases = [trial.phase for trial, _ in replayed(made.order("01", "up")).answered]
+    right = made.order("01", "up")
+    while (trial := right.next()) is not None:
+        right.answer(trial.correct)
+    phases = [trial.phase for trial, _ in right.answered]
     assert [phases[i : i + 11].count("catch") for i in range(0, 44, 11)] == [1, 1, 1, 1]
     with pytest.raises(ValueError, match="catch must be at most the 40 trials, got 41"):
         protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\ncatch = 41"))
@@ -351,13 +357,6 @@ def test_few_thresholds_that_differ_much_have_an_open_interval():
     assert (near, math.isinf(far)) == (pytest.approx(1.0), True)
     assert math.log(threshold) == pytest.approx(0.2 * math.log(3.0))
     assert "1.000 to inf" in "\n".join(group_lines(task))
-
-
-def replayed(order):
-    """The order with all answers right."""
-    while (trial := order.next()) is not None:
-        order.answer(trial.correct)
-    return order
 
 
 def binomial_limits(held, sets):

@@ -5,8 +5,8 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
+from scene_pictures import differing
 from view_scenes import write_trace
 from x_screen import Screen, need_screen
 
@@ -72,10 +72,6 @@ class Shown:
         return self.process.returncode, said
 
 
-def differing(one, other):
-    return (np.abs(one.astype(int) - other.astype(int)).max(axis=2) > 8).mean()
-
-
 @pytest.mark.parametrize("how", ["q", "e", "cross", "SIGINT"])
 def test_a_view_ends_however_it_is_closed(screen, trace, how):
     shown = Shown(screen, "view", trace)
@@ -89,12 +85,12 @@ def test_the_mouse_turns_the_bone(screen, trace, options):
     time.sleep(1.0)
     before = screen.picture()
     screen.drag((1000 if options else 500, 400), (150, 60))  # in stereo, over the right eye's picture
-    turned = shown.wait_for(lambda picture: differing(picture, before) > 0.02)
+    turned = shown.wait_for(lambda picture: differing(picture, before).mean() > 0.02)
     if options:
         half = 768
         left, right = turned[:768, :half], turned[:768, half : 2 * half]
-        assert 0.001 < differing(left, right) < 0.5
-        assert differing(right, before[:768, half : 2 * half]) > 0.02  # both turned
+        assert 0.001 < differing(left, right).mean() < 0.5
+        assert differing(right, before[:768, half : 2 * half]).mean() > 0.02  # both turned
     shown.close("q")
     assert shown.end() == (0, "closed\n")
 

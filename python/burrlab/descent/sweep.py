@@ -172,8 +172,10 @@ def force_sweep(
     ('ok', 'ok')
     """
     values = _checked_forces(burr, material, forces, repeats, specimen, ideal)
-    if seed is None:
-        refuse(store is not None, "seed must be given with a store, which finds results by it, got None")
+    refuse(
+        seed is None and store is not None,
+        "seed must be given with a store, which finds results by it, got None",
+    )
     seed = seed_or_new(seed)
     spacing = voxel if isinstance(voxel, int | float) else tuple(real(voxel, "voxel").tolist())
     drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
@@ -218,14 +220,16 @@ def _checked_forces(
     require_tool(burr, material)
     values = real(forces, "forces")
     refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
-    finite = np.isfinite(values) & (values > 0)
-    refuse(not finite.all(), f"every force must be positive and finite, got {forces!r}")
+    refuse(
+        not (np.isfinite(values) & (values > 0)).all(),
+        f"every force must be positive and finite, got {forces!r}",
+    )
     refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
-    if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
-        raise TypeError(
-            "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
-            f"{specimen!r}"
-        )
+    refuse(
+        not isinstance(specimen, Specimen | SpecimenSource | None),
+        f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}",
+        TypeError,
+    )
     refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     return values
 

@@ -275,8 +275,10 @@ class Effects:
 
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
         if bricks.ndim == 2 and bricks.shape[1] == 3:
-            inside = (bricks >= 0).all() and (bricks < np.array(self._bricks)).all()
-            refuse(not inside, f"bricks must lie inside the {self._bricks} bricks of the volume")
+            refuse(
+                not ((bricks >= 0) & (bricks < self._bricks)).all(),
+                f"bricks must lie inside the {self._bricks} bricks of the volume",
+            )
             bricks = np.ravel_multi_index(tuple(bricks.T.astype(np.intp)), self._bricks)
         return np.ascontiguousarray(bricks, np.uint32)
 

@@ -13,6 +13,7 @@ from burrlab._core import Replica, VoxelBone, restore_bricks
 from burrlab.anatomy.events import KINDS, Watched
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import assumed, told_notes
+from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
@@ -262,8 +263,11 @@ class ReplaySource(PageSource):
         self.player, self.span, self.history = player, (0.0, player.duration), player.history
         self.past: ParcelHistory | None = None
         if isinstance(player, RecordingPlayer):
-            if effects is not None:
-                raise TypeError(f"effects go with a trace or a session, got {effects!r} with a recording")
+            refuse(
+                effects is not None,
+                f"effects go with a trace or a session, got {effects!r} with a recording",
+                TypeError,
+            )
             self.title = player.recording.path.name
             self.state = f"{player.duration:.1f} s, {len(player.history.time)} poses; {player.note}"
         else:
@@ -394,16 +398,25 @@ class LiveSource(PageSource):
 def page_source(source: Shown, effects: Any = None) -> PageSource:
     """The page source of an object. TypeError if it cannot be shown, or the effects do not go with it."""
     if isinstance(source, Trace | TracePlayer | RecordingPlayer):
-        if not isinstance(effects, Effects | None):
-            raise TypeError(f"effects of a trace must be Effects, got {effects!r}")
+        refuse(
+            not isinstance(effects, Effects | None),
+            f"effects of a trace must be Effects, got {effects!r}",
+            TypeError,
+        )
         return ReplaySource(TracePlayer(source) if isinstance(source, Trace) else source, effects)
     if isinstance(source, Session | Replica):
-        if not isinstance(effects, Companion | None):
-            raise TypeError(f"effects of a session must be a Companion, got {effects!r}")
+        refuse(
+            not isinstance(effects, Companion | None),
+            f"effects of a session must be a Companion, got {effects!r}",
+            TypeError,
+        )
         return LiveSource(source, effects)
     if isinstance(source, VoxelBone):
-        if effects is not None:
-            raise TypeError(f"effects go with a trace or a session, got {effects!r} with a bone")
+        refuse(
+            effects is not None,
+            f"effects go with a trace or a session, got {effects!r} with a bone",
+            TypeError,
+        )
         return PageSource(source)
     raise TypeError(
         f"source must be a Trace, TracePlayer, RecordingPlayer, Session, Replica or VoxelBone, got {source!r}"

@@ -42,11 +42,6 @@ class _Given:
     axis: tuple[float, ...]
     whole: Specimen = field(compare=False, repr=False)
 
-    @classmethod
-    def of(cls, specimen: Specimen) -> _Given:
-        surface, axis = tuple(specimen.surface.tolist()), tuple(specimen.axis.tolist())
-        return cls(specimen.bone.digest(), surface, axis, specimen)
-
     def specimen(self, burr: Burr, voxel: float | tuple[float, ...], *, depth: float, seed: int) -> Specimen:
         return self.whole
 
@@ -178,7 +173,9 @@ def force_sweep(
     )
     seed = seed_or_new(seed)
     spacing = voxel if isinstance(voxel, int | float) else tuple(real(voxel, "voxel").tolist())
-    drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
+    drawn = specimen if not isinstance(specimen, Specimen) else _Given(
+        specimen.bone.digest(), tuple(specimen.surface.tolist()), tuple(specimen.axis.tolist()), specimen
+    )  # fmt: skip
     items = [
         SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, settings.dt, settings.scheme,
                   ideal, drawn, settings.stop, settings.max_duration)

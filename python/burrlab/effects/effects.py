@@ -263,9 +263,12 @@ class Effects:
         radii = np.array([scalar(radius, "radius") for _, radius in burrs])
         done = self._core.step(scalar(dt_s, "dt_s"), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
-        if self.camera is not None and len(radii):
-            apart = np.linalg.norm(np.asarray(self.camera.position, float) - centers[0])
-            self._hidden = self.hidden_fraction(self.camera, burrs[0]) if apart > radii[0] else self._hidden
+        if (
+            self.camera is not None
+            and len(radii)
+            and np.linalg.norm(np.asarray(self.camera.position, float) - centers[0]) > radii[0]
+        ):
+            self._hidden = self.hidden_fraction(self.camera, burrs[0])
         return done
 
     @property

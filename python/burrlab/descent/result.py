@@ -356,8 +356,7 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any], cut: int) 
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),
     ):
-        ticks = getattr(series, name)
-        if ticks:
+        if ticks := getattr(series, name):
             warnings.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
     if cut:
         warnings.append(f"{CUT} ({cut} of {len(series.time)} ticks)")

@@ -111,8 +111,9 @@ class DepthTrace(TableData):
         groups: Mapping[str, Any] | None = None,
         specimen: Any = None,
     ) -> None:
-        columns = {"time": time, "immersion": immersion}
-        self._keep(columns, source, provenance, groups, specimen, force=force, radius=radius)
+        self._keep({
+            "time": time, "immersion": immersion,
+        }, source, provenance, groups, specimen, force=force, radius=radius)  # fmt: skip
         self._check_record()
         first, deepest = float(self.immersion[0]), float(self.immersion.max())
         start = max(WINDOW_START * self.radius, first) if start_mm is None else float(start_mm)

@@ -277,9 +277,11 @@ class ReplaySource(PageSource):
             ticks = np.array([event["tick"] for event in player.events], np.int64) - trace.first_tick
             self._add_events(player.history.time[np.clip(ticks, 0, player.ticks - 1)].tolist(), player.events)
             self.past = None if effects is None else ParcelHistory(trace, effects)
+            self._background.append(
+                threading.Thread(target=self._prepare, args=(player,), name="burrlab page", daemon=True)
+            )
         self.has_effects = effects is not None
         self._cancel = threading.Event()
-        self._background.append(threading.Thread(target=self._prepare, name="burrlab page", daemon=True))
         self._take_over()
 
     @property
@@ -307,9 +309,8 @@ class ReplaySource(PageSource):
         self._cancel.set()
         super().close()
 
-    def _prepare(self) -> None:
-        done = isinstance(self.player, RecordingPlayer) or self.player.prepare(cancel=self._cancel)
-        if done and self.past is not None:
+    def _prepare(self, player: TracePlayer) -> None:
+        if player.prepare(cancel=self._cancel) and self.past is not None:
             self.past.make(self._cancel)
 
 

@@ -209,10 +209,14 @@ def _own_bone(
     """A copy of the specimen; without one a half-space, at a place within a voxel that the seed draws."""
     if specimen is None:
         spacing = checked_spacing(voxel, "voxel")
-        place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
         with doing("the block of bone"):
-            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+            specimen = half_space(burr, voxel, depth=stop, offset=place_in_voxel(seed) * spacing)
     return replace(specimen, bone=specimen.bone.copy())
+
+
+def place_in_voxel(seed: int) -> NDArray[np.float64]:
+    """The burr's place within a voxel (x, y, z), -0.5 to 0.5 of its edges, which a descent's seed draws."""
+    return np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
 
 
 #: Speed of the approach [mm/s] (ours).

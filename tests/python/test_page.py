@@ -74,11 +74,11 @@ def test_waits_for_the_browser_then_no_longer(page):
 
 def test_a_picture_at_rest_is_smooth_once(page):
     renderer = page.scene.plotter.renderer
-    assert renderer.method_calls == [mock.call.UseFXAAOn()]
+    assert renderer.method_calls == [mock.call.SetUseFXAA(True)]
     page.draw()
     for now, smooth in ((1.0, False), (1.2, False), (1.4, True)):
         number = turn(page, now)
-        assert (renderer.method_calls[-1] == mock.call.UseFXAAOn()) == smooth
+        assert renderer.method_calls[-1] == mock.call.SetUseFXAA(smooth)
     assert turn(page, 9.0) == number
     kind, data = page.state.picture.split(",")
     assert kind == "data:image/jpeg;base64"

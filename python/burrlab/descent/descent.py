@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, BurrContact, ForceController, Material
+from burrlab._core import Burr, BurrContact, ForceController, HeldDescent, Material
 from burrlab.bone.specimen import Border, Specimen, Vector, checked_spacing, half_space
 from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress, doing, reporter
@@ -209,10 +209,14 @@ def _own_bone(
     """A copy of the specimen; without one a half-space, at a place within a voxel that the seed draws."""
     if specimen is None:
         spacing = checked_spacing(voxel, "voxel")
-        place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
         with doing("the block of bone"):
-            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+            specimen = half_space(burr, voxel, depth=stop, offset=place_in_voxel(seed) * spacing)
     return replace(specimen, bone=specimen.bone.copy())
+
+
+def place_in_voxel(seed: int) -> NDArray[np.float64]:
+    """The burr's place within a voxel (x, y, z), -0.5 to 0.5 of its edges, which a descent's seed draws."""
+    return np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
 
 
 #: Speed of the approach [mm/s] (ours).
@@ -253,8 +257,8 @@ def hold(
     start = specimen.center(0.0, burr)
     immersion = -free_clearance(contact, specimen, burr)
     limit = int(np.ceil(max_duration * 1e3 / dt))
-    positions, forces = [], []
-    done, ending, ambiguous, faint = 0, "stalled", 0, 0
+    parts: list[HeldDescent] = []
+    done, ending = 0, "stalled"
     try:
         while done < limit:
             part = contact.hold(
@@ -266,11 +270,8 @@ def hold(
                 dt=dt,
                 ticks=min(_CHUNK, limit - done),
             )
-            positions.append(part.position)
-            forces.append(part.force)
+            parts.append(part)
             done += len(part.position)
-            ambiguous += part.ambiguous
-            faint += part.faint
             immersion = float(part.position[-1]) if len(part.position) else immersion
             if part.reached:
                 if done:
@@ -287,12 +288,12 @@ def hold(
         ending = "interrupted"
     return Series(
         time=np.arange(done, dtype=np.float64) * (1e-3 * dt),
-        immersion=np.concatenate(positions) if positions else np.empty(0),
-        force=np.concatenate(forces) if forces else np.empty(0),
+        immersion=np.concatenate([np.empty(0), *(part.position for part in parts)]),
+        force=np.concatenate([np.empty(0), *(part.force for part in parts)]),
         command=np.full(done, np.nan),
         exact=True,
-        ambiguous=ambiguous,
-        faint=faint,
+        ambiguous=sum(part.ambiguous for part in parts),
+        faint=sum(part.faint for part in parts),
     ), ending
 
 

@@ -173,14 +173,11 @@ class Descent(Tabular):
         look = styled(style, color=VELOCITY, label="slope over 51 samples", **light)
         bottom.plot(self.time, self.velocity, **look)
         bottom.set(xlabel="time [s]", ylabel="velocity [mm/s]")
+        rows = slice(None) if self.window is None else samples_between(self.immersion, *self.window)
         if len(self.time):
-            in_window = (
-                samples_between(self.immersion, *self.window) if self.window is not None else slice(None)
-            )
-            highest = float(self.velocity[in_window].max(initial=0.0))
+            highest = float(self.velocity[rows].max(initial=0.0))
             bottom.set_ylim(0, 1.2 * max(highest, 1e-6) if self.series.exact else None)
         if self.window is not None and self.penetration_velocity is not None:
-            rows = samples_between(self.immersion, *self.window)
             t = self.time[rows]
             if not self.series.exact and len(t) > 2 * 51:
                 # The rig reads positions in steps; a slope over more samples smooths their ripple.
@@ -198,8 +195,8 @@ class Descent(Tabular):
         for phase, (begin, end) in self.phases.items():
             if end - begin > 0.04 * max(self.duration, 1e-9):
                 label = "window" if phase == "steady" else phase  # the velocity falls there, too
-                place = top.get_xaxis_transform()
-                top.text(0.5 * (begin + end), 0.97, label, transform=place, ha="center", va="top", fontsize=8)
+                top.text(0.5 * (begin + end), 0.97, label, transform=top.get_xaxis_transform(),
+                         ha="center", va="top", fontsize=8)  # fmt: skip
             top.axvline(begin, color="0.75", linewidth=0.6)
         notes = "".join(f"; {text.split(':')[0]}" for text in self.warnings)
         notes += f"; {note}" if (note := assumed(told_notes(self.provenance.get("volume")))) else ""
@@ -359,8 +356,7 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any], cut: int) 
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),
     ):
-        ticks = getattr(series, name)
-        if ticks:
+        if ticks := getattr(series, name):
             warnings.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
     if cut:
         warnings.append(f"{CUT} ({cut} of {len(series.time)} ticks)")

@@ -18,7 +18,7 @@ from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, law_of
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.descent.descent import DescentSettings, descend
+from burrlab.descent.descent import DescentSettings, descend, place_in_voxel
 from burrlab.descent.sweep import item_seed
 from burrlab.theory.tool import require_tool
 
@@ -52,8 +52,8 @@ class ScatterTest(NamedTuple):
 @stored_as("burrlab.bone_scatter.run_item")
 def run_item(item: ScatterItem) -> tuple[float, str]:
     """ln of the penetration velocity [mm/s], NaN without one, and the status of a descent."""
-    place = np.random.default_rng([item.seed & 0xFFFFFFFF, item.seed >> 32, 1]).uniform(-0.5, 0.5, 3)
-    specimen = item.bone.specimen(item.burr, item.voxel, seed=item.seed, offset=place * item.voxel)
+    offset = place_in_voxel(item.seed) * item.voxel
+    specimen = item.bone.specimen(item.burr, item.voxel, seed=item.seed, offset=offset)
     run = descend(
         item.burr,
         item.material,
@@ -181,8 +181,9 @@ class Scatter:
             verdict = "no difference is shown"
         else:
             verdict = "more than the field explains" if sd > self.pooled else "less than the field predicts"
-        text = f"the field predicts {self._pooled_text()}, measured {100 * sd:.1f} %: {verdict} (p = {p:.2g})"
-        return ScatterTest(p, text)
+        return ScatterTest(
+            p, f"the field predicts {self._pooled_text()}, measured {100 * sd:.1f} %: {verdict} (p = {p:.2g})"
+        )
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:

@@ -42,11 +42,6 @@ class _Given:
     axis: tuple[float, ...]
     whole: Specimen = field(compare=False, repr=False)
 
-    @classmethod
-    def of(cls, specimen: Specimen) -> _Given:
-        surface, axis = tuple(specimen.surface.tolist()), tuple(specimen.axis.tolist())
-        return cls(specimen.bone.digest(), surface, axis, specimen)
-
     def specimen(self, burr: Burr, voxel: float | tuple[float, ...], *, depth: float, seed: int) -> Specimen:
         return self.whole
 
@@ -172,11 +167,15 @@ def force_sweep(
     ('ok', 'ok')
     """
     values = _checked_forces(burr, material, forces, repeats, specimen, ideal)
-    if seed is None:
-        refuse(store is not None, "seed must be given with a store, which finds results by it, got None")
+    refuse(
+        seed is None and store is not None,
+        "seed must be given with a store, which finds results by it, got None",
+    )
     seed = seed_or_new(seed)
     spacing = voxel if isinstance(voxel, int | float) else tuple(real(voxel, "voxel").tolist())
-    drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
+    drawn = specimen if not isinstance(specimen, Specimen) else _Given(
+        specimen.bone.digest(), tuple(specimen.surface.tolist()), tuple(specimen.axis.tolist()), specimen
+    )  # fmt: skip
     items = [
         SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, settings.dt, settings.scheme,
                   ideal, drawn, settings.stop, settings.max_duration)
@@ -218,14 +217,16 @@ def _checked_forces(
     require_tool(burr, material)
     values = real(forces, "forces")
     refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
-    finite = np.isfinite(values) & (values > 0)
-    refuse(not finite.all(), f"every force must be positive and finite, got {forces!r}")
+    refuse(
+        not (np.isfinite(values) & (values > 0)).all(),
+        f"every force must be positive and finite, got {forces!r}",
+    )
     refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
-    if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
-        raise TypeError(
-            "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
-            f"{specimen!r}"
-        )
+    refuse(
+        not isinstance(specimen, Specimen | SpecimenSource | None),
+        f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}",
+        TypeError,
+    )
     refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     return values
 

@@ -263,9 +263,12 @@ class Effects:
         radii = np.array([scalar(radius, "radius") for _, radius in burrs])
         done = self._core.step(scalar(dt_s, "dt_s"), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
-        if self.camera is not None and len(radii):
-            apart = np.linalg.norm(np.asarray(self.camera.position, float) - centers[0])
-            self._hidden = self.hidden_fraction(self.camera, burrs[0]) if apart > radii[0] else self._hidden
+        if (
+            self.camera is not None
+            and len(radii)
+            and np.linalg.norm(np.asarray(self.camera.position, float) - centers[0]) > radii[0]
+        ):
+            self._hidden = self.hidden_fraction(self.camera, burrs[0])
         return done
 
     @property
@@ -275,8 +278,10 @@ class Effects:
 
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
         if bricks.ndim == 2 and bricks.shape[1] == 3:
-            inside = (bricks >= 0).all() and (bricks < np.array(self._bricks)).all()
-            refuse(not inside, f"bricks must lie inside the {self._bricks} bricks of the volume")
+            refuse(
+                not ((bricks >= 0) & (bricks < self._bricks)).all(),
+                f"bricks must lie inside the {self._bricks} bricks of the volume",
+            )
             bricks = np.ravel_multi_index(tuple(bricks.T.astype(np.intp)), self._bricks)
         return np.ascontiguousarray(bricks, np.uint32)
 

@@ -393,8 +393,9 @@ class Indentation(TableData):
         groups: Mapping[str, Any] | None = None,
         specimen: Any = None,
     ) -> None:
-        columns = {"force": force, "depth": depth, "sigma": sigma}
-        self._keep(columns, source, provenance, groups, specimen, radius=radius)
+        self._keep(
+            {"force": force, "depth": depth, "sigma": sigma}, source, provenance, groups, specimen, radius=radius
+        )  # fmt: skip
         self._check_rows()
         for i, h in enumerate(self.depth.tolist(), start=1):
             refuse(
@@ -463,6 +464,7 @@ class Indentation(TableData):
         return ax
 
     def __repr__(self) -> str:
-        spans = [f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth)]
-        values = f"{spans[0]} N at {spans[1]} mm{self._origin()}"
-        return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {values})"
+        force, depth = (f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth))
+        return (
+            f"Indentation({len(self)} rows, R = {self.radius:g} mm, {force} N at {depth} mm{self._origin()})"
+        )

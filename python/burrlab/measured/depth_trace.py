@@ -111,15 +111,15 @@ class DepthTrace(TableData):
         groups: Mapping[str, Any] | None = None,
         specimen: Any = None,
     ) -> None:
-        columns = {"time": time, "immersion": immersion}
-        self._keep(columns, source, provenance, groups, specimen, force=force, radius=radius)
+        self._keep({
+            "time": time, "immersion": immersion,
+        }, source, provenance, groups, specimen, force=force, radius=radius)  # fmt: skip
         self._check_record()
-        if start_mm is None:
-            start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
-        if end_mm is None:
-            end_mm = min(WINDOW_STOP * self.radius, float(self.immersion.max()))
-        object.__setattr__(self, "start_mm", float(start_mm))
-        object.__setattr__(self, "end_mm", float(end_mm))
+        first, deepest = float(self.immersion[0]), float(self.immersion.max())
+        start = max(WINDOW_START * self.radius, first) if start_mm is None else float(start_mm)
+        end = min(WINDOW_STOP * self.radius, deepest) if end_mm is None else float(end_mm)
+        object.__setattr__(self, "start_mm", start)
+        object.__setattr__(self, "end_mm", end)
         self._check_window()
 
     def _check_record(self) -> None:

@@ -50,16 +50,6 @@ _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 DataSet = TypeVar("DataSet", bound=TableData)
 
 
-def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> dict[str, str]:
-    refuse(
-        not isinstance(groups, Mapping | None) or not isinstance(specimen, str | None),
-        f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
-        f"{shown(groups)} and {shown(specimen)}",
-        TypeError,
-    )
-    return dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
-
-
 class TableLayout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
@@ -75,21 +65,28 @@ class TableLayout:
         self.thousands = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
-        long = len(self.sep) > 1 or self.sep in ('"', "\r", "\n")
-        refuse(long, f"sep must be one character, or tab: got {shown(sep)}")
+        refuse(
+            len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
+            f"sep must be one character, or tab: got {shown(sep)}",
+        )
         columns, unit = columns or {}, unit or {}
         _check_mapping("columns", columns, table.named, (str, list))
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.common_unit: dict[str, str] = {}  #: A unit for all, by the columns that can have it.
         if isinstance(unit, str):
-            self.common_unit = self._columns_of_unit(_letters(unit))
+            unit = _letters(unit)
+            self.common_unit = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
+            known = dict.fromkeys(text for base in self.units.values() for text in UNITS[base])
+            refuse(not self.common_unit, f"unit must be one of {', '.join(known)}: got {shown(unit)}")
             self.units |= self.common_unit
             unit = {}
         _check_mapping("unit", unit, self.units, str)
         unit = {name: _letters(text) for name, text in unit.items()}
         for name, text in unit.items():
-            known = UNITS[table.named[name].unit]
-            refuse(text not in known, f"unit of {name} must be one of {', '.join(known)}: got {shown(text)}")
+            factors = UNITS[table.named[name].unit]
+            refuse(
+                text not in factors, f"unit of {name} must be one of {', '.join(factors)}: got {shown(text)}"
+            )
         self.units |= unit
         self.named_units = set(unit)  #: Columns whose unit was given by name.
         self.headings = {
@@ -106,16 +103,15 @@ class TableLayout:
         self.columns: dict[str, Any] = {}  #: By our names.
         self.others: dict[str, list[str]] = {}  #: By their headings.
         self.groups: dict[str, list[str]] = {}  #: Labels of the rows, by the group's name.
-        self.group_headings = _group_headings(groups, specimen)
+        refuse(
+            not isinstance(groups, Mapping | None) or not isinstance(specimen, str | None),
+            f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
+            f"{shown(groups)} and {shown(specimen)}",
+            TypeError,
+        )
+        self.group_headings = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
         self.skipped: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
-
-    def _columns_of_unit(self, unit: str) -> dict[str, str]:
-        """The columns that can have a unit for all, each with this unit."""
-        takers = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
-        units = dict.fromkeys(known for base in self.units.values() for known in UNITS[base])
-        refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
-        return takers
 
     def file(self, file: Path | IO[str] | IO[bytes]) -> "TableLayout":
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""
@@ -128,8 +124,10 @@ class TableLayout:
             self.take_groups()
             self.note = _apart(self.others) if self.others else ""
             return self
-        decoded = isinstance(file, io.TextIOBase)
-        refuse(decoded and self.encoding, "encoding must be left out for a file that is open as text")
+        refuse(
+            self.encoding and isinstance(file, io.TextIOBase),
+            "encoding must be left out for a file that is open as text",
+        )
         self.name, content = text_of(
             file, self.encoding or "utf-8-sig", f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
         )
@@ -175,12 +173,15 @@ class TableLayout:
         for name, unit in kind._NUMBERS.items():
             key, number = f"{name}_{unit}", numbers.get(name)
             noted = number_in_comments(self.name, self.comments, key)
-            if name in needed and noted is None and number is None:
-                add = f"add the comment '# {key}: ...' or give {name}="
-                raise ValueError(f"{self.name}: the {name} is unknown: {add}")
-            if None not in (noted, number) and noted != number:
-                rule = f"{name} must be the {noted!r} of the comment '# {key}:' in the file"
-                raise ValueError(f"{self.name}: {rule}: got {shown(number)}")
+            refuse(
+                name in needed and noted is None and number is None,
+                f"{self.name}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=",
+            )
+            refuse(
+                None not in (noted, number) and noted != number,
+                f"{self.name}: {name} must be the {noted!r} of the comment '# {key}:' in the file: "
+                f"got {shown(number)}",
+            )
             numbers[name] = number if noted is None else noted
         try:
             data_set = kind(**self.columns, **{"groups": self.groups} | source | numbers)
@@ -210,8 +211,9 @@ class TableLayout:
         nearest = f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else add
         if not marked and words > 1:
             nearest += " between blanks, for which give sep=' ' (--sep ' ')"
-        required = ", ".join(self.required.values())
-        raise ValueError(f"{self.name}: no line of headings has {required}{nearest}: {self.hint}")
+        raise ValueError(
+            f"{self.name}: no line of headings has {', '.join(self.required.values())}{nearest}: {self.hint}"
+        )
 
     def read(
         self, name: str, kind: str, headings: list[str], records: Iterable[tuple[int, list[str]]], head: str
@@ -229,13 +231,21 @@ class TableLayout:
         """
         # The indices of each column in the file: one, or one for each repeat side by side.
         keys, faults = list(map(_key, headings)), list[str]()
-        present = {column: texts for column, texts in self.headings.items() if _key(texts[0]) in keys}
-        places = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
+        places = {
+            column: [keys.index(_key(text)) for text in texts]
+            for column, texts in self.headings.items()
+            if _key(texts[0]) in keys
+        }
         optional = {column.name for column in self.table.columns if column.optional}
         repeats = max(len(indices) for column, indices in places.items() if column not in optional)
         labels = {column: ", ".join(headings[i] for i in indices) for column, indices in places.items()}
         faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, places, repeats))
-        other = self.other_headings(headings, {i for indices in places.values() for i in indices})
+        used = {i for indices in places.values() for i in indices}
+        other = {  # labels of the other columns; the number tells those of one heading apart
+            i: heading if heading and keys.count(keys[i]) == 1 else f"{heading} (column {i + 1})".strip()
+            for i, heading in enumerate(headings)
+            if i not in used
+        }
         self.others |= {label: [] for label in other.values()}
         # From here on a column reads numbers in the file's unit, and its faults name the file's heading.
         columns = (
@@ -251,15 +261,6 @@ class TableLayout:
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
         refuse_all(name, faults, self.hint_of(faults, places.keys()))
         self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
-
-    def other_headings(self, headings: list[str], used: Collection[int]) -> dict[int, str]:
-        """Labels of the columns that are not used, by their index; the number tells those of one heading apart."""
-        keys = list(map(_key, headings))
-        return {
-            i: heading if heading and keys.count(keys[i]) == 1 else f"{heading} (column {i + 1})".strip()
-            for i, heading in enumerate(headings)
-            if i not in used
-        }
 
     def hint_of(self, faults: Iterable[str], columns: Collection[str]) -> str:
         """What to give so that a table with these faults can be read."""
@@ -336,8 +337,10 @@ class TableLayout:
         own = {name: name for name in self.comments.get("groups", "").split(", ") if name in self.others}
         headings = {_key(heading): heading for heading in self.others}
         for name, heading in (own | self.group_headings).items():
-            missing = _key(str(heading)) not in headings
-            refuse(missing, f"{self.name}: no column is {heading}; there are {listed(self.others)}")
+            refuse(
+                _key(str(heading)) not in headings,
+                f"{self.name}: no column is {heading}; there are {listed(self.others)}",
+            )
             self.groups[name] = self.others.pop(headings[_key(heading)])
 
     def noted(self, ending: str) -> "TableLayout":
@@ -465,9 +468,11 @@ def _give(option: str, choice: Mapping[str, str] | str) -> str:
     return f"give {option}={choice!r} (--{option} {text})"
 
 
-def _check_mapping(option: str, mapping: object, names: Collection[str], kinds: Any) -> None:
+def _check_mapping(option: str, mapping: Any, names: Collection[str], kinds: Any) -> None:
     """ValueError unless an option maps some of these names to texts."""
-    if not isinstance(mapping, Mapping) or not all(isinstance(text, kinds) for text in mapping.values()):
-        raise ValueError(f"{option} must map names to texts, such as {{'force': ...}}: got {shown(mapping)}")
+    refuse(
+        not isinstance(mapping, Mapping) or not all(isinstance(text, kinds) for text in mapping.values()),
+        f"{option} must map names to texts, such as {{'force': ...}}: got {shown(mapping)}",
+    )
     for name in mapping:
         refuse(name not in names, f"{option} must be of {', '.join(names)}: got {shown(name)}")

@@ -198,8 +198,10 @@ def synthetic_trace(
     """
     for name, value in (("run_scatter", run_scatter), ("noise", noise), ("step", step)):
         _check_not_negative(name, value)
-    between = scalar(sample_ms, "sample_ms")
-    refuse(not 0 < between < np.inf, f"sample_ms must be finite and above 0: got {sample_ms!r}")
+    refuse(
+        not 0 < scalar(sample_ms, "sample_ms") < np.inf,
+        f"sample_ms must be finite and above 0: got {sample_ms!r}",
+    )
     descent = mean_field_descent(burr, material, force)
     seed = seed_or_new(seed)
 

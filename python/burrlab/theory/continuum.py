@@ -77,9 +77,8 @@ class Law:
     @classmethod
     def of(cls, law: "Law | Material | Shape | str") -> "Law":
         """A law, that of a material, or the paper's with another f."""
-        kinds = (Law, Material, Shape, str)
         refuse(
-            not isinstance(law, kinds),
+            not isinstance(law, Law | Material | Shape | str),
             f"law must be a Law, a Shape or the name of one: got {law!r}",
             TypeError,
         )
@@ -396,7 +395,6 @@ class MasterCurve:
 
     def __init__(self, shape: Shape | str) -> None:
         self.shape = Shape(shape)
-        self._name = self.shape.name
 
     def velocity_ratio(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None
@@ -420,7 +418,7 @@ class MasterCurve:
         ValueError
             If a phi is not positive or the window is not in order.
         """
-        spline = _window_spline(self._name, start, stop)
+        spline = _window_spline(self.shape.name, start, stop)
         phi = positive("phi", phi)
         ratio = np.exp(spline.log_ratio(np.log(np.minimum(phi, spline.end))))
         return np.where(phi < spline.end, ratio, np.nan)[()]
@@ -429,7 +427,7 @@ class MasterCurve:
         self, log_phi: Floats, start: float | None = None, stop: float | None = None
     ) -> Floats:
         """log Psi at log phi, for tables of many; see `velocity_ratio`."""
-        spline = _window_spline(self._name, start, stop)
+        spline = _window_spline(self.shape.name, start, stop)
         log_ratio: Floats = spline.log_ratio(log_phi)
         log_ratio[log_phi >= np.log(spline.end)] = np.nan
         return log_ratio
@@ -441,7 +439,7 @@ class MasterCurve:
 
         Parameters, NaN and errors as `velocity_ratio`.
         """
-        spline = _window_spline(self._name, start, stop)
+        spline = _window_spline(self.shape.name, start, stop)
         phi = positive("phi", phi)
         return np.where(phi < spline.end, spline.slope(np.log(np.minimum(phi, spline.end))), np.nan)[()]
 
@@ -489,8 +487,9 @@ def penetration_velocity(
     """
     require_tool(burr, material)
     window = [None if end is None else end / burr.radius for end in (start_mm, stop_mm)]
-    constants = material.c_e, material.alpha, burr.radius
-    return Law.of(material).velocity(positive("force", force), *constants, *window)
+    return Law.of(material).velocity(
+        positive("force", force), material.c_e, material.alpha, burr.radius, *window
+    )
 
 
 @dataclass(frozen=True)

@@ -158,9 +158,7 @@ def write_video(
     file = Path(path)
     check_film(file, fps)
     with new_file(file, file.suffix) as part:
-        count = (_write_mp4 if file.suffix.lower() == ".mp4" else _write_gif)(part, _of_one_size(frames), fps)
-        refuse(count == 0, "a film needs at least one frame")
-    return count
+        return (_write_mp4 if file.suffix.lower() == ".mp4" else _write_gif)(part, _checked(frames), fps)
 
 
 def check_film(file: Path, fps: float) -> None:
@@ -192,7 +190,8 @@ def ffmpeg() -> str:
     )
 
 
-def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uint8]]:
+def _checked(frames: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+    """The frames; ValueError unless there is one, and all are pictures of one size."""
     first = None
     for frame in frames:
         refuse(
@@ -202,13 +201,11 @@ def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uin
         first = frame.shape if first is None else first
         refuse(frame.shape != first, f"frames must have one size, got {first} and {frame.shape}")
         yield frame
+    refuse(first is None, "a film needs at least one frame")
 
 
-def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
-    rest, count = iter(frames), 0
-    first = next(rest, None)
-    if first is None:
-        return 0
+def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> int:
+    first, count = next(frames), 0
     height, width = (n // 2 * 2 for n in first.shape[:2])  # H.264 takes even sizes only
     command = [
         ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
@@ -222,7 +219,7 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
         ) as encoder:  # fmt: skip
             assert encoder.stdin is not None
             try:
-                for frame in itertools.chain([first], rest):
+                for frame in itertools.chain([first], frames):
                     encoder.stdin.write(np.ascontiguousarray(frame[:height, :width]).data)
                     count += 1
             except BaseException:
@@ -235,18 +232,17 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
     return count
 
 
-def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> int:
     from PIL import Image
 
     # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn
     # grey
     pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
-    if pictures:
-        # whole hundredths of a second; some frames have one more, so that the film keeps its length
-        ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
-        durations = np.diff(ends).tolist()  # [ms]
-        pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], loop=0,
-            duration=durations if len(durations) > 1 else durations[0],
-        )  # fmt: skip
+    # whole hundredths of a second; some frames have one more, so that the film keeps its length
+    ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
+    durations = np.diff(ends).tolist()  # [ms]
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], loop=0,
+        duration=durations if len(durations) > 1 else durations[0],
+    )  # fmt: skip
     return len(pictures)

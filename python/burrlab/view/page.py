@@ -228,8 +228,7 @@ class Page:
 
     def go(self, seconds: float) -> None:
         """Goes to a moment [s], or to the end that is nearer."""
-        first, last = self.source.span
-        self._wanted = min(max(seconds, first), last)
+        self._wanted = float(np.clip(seconds, *self.source.span))
         with self.state as state:
             state.wanted_s = self._wanted
 
@@ -302,8 +301,7 @@ class Page:
     def _advance(self, seconds: float) -> None:
         """Brings bone, burrs and texts to a moment."""
         source, state = self.source, self.state
-        first, last = source.span
-        self._changed = np.union1d(self._changed, source.go(min(max(seconds, first), last)))
+        self._changed = np.union1d(self._changed, source.go(float(np.clip(seconds, *source.span))))
         source.show_in(self.scene, self._changed, parcels=state.effects)
         self._changed = self._changed[:0]  # only now: after a failure the next turn draws them
         self._cut()
@@ -320,8 +318,7 @@ class Page:
     def _picture(self, *, smooth: bool) -> None:
         from PIL import Image
 
-        renderer = self.scene.plotter.renderer
-        (renderer.UseFXAAOn if smooth else renderer.UseFXAAOff)()
+        self.scene.plotter.renderer.SetUseFXAA(smooth)
         self._draw, self._smooth = False, smooth
         data = io.BytesIO()
         Image.fromarray(self.scene.picture()).save(data, "JPEG", quality=_QUALITY[smooth])

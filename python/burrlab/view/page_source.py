@@ -13,6 +13,7 @@ from burrlab._core import Replica, VoxelBone, restore_bricks
 from burrlab.anatomy.events import KINDS, Watched
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import assumed, told_notes
+from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
@@ -262,8 +263,11 @@ class ReplaySource(PageSource):
         self.player, self.span, self.history = player, (0.0, player.duration), player.history
         self.past: ParcelHistory | None = None
         if isinstance(player, RecordingPlayer):
-            if effects is not None:
-                raise TypeError(f"effects go with a trace or a session, got {effects!r} with a recording")
+            refuse(
+                effects is not None,
+                f"effects go with a trace or a session, got {effects!r} with a recording",
+                TypeError,
+            )
             self.title = player.recording.path.name
             self.state = f"{player.duration:.1f} s, {len(player.history.time)} poses; {player.note}"
         else:
@@ -273,9 +277,11 @@ class ReplaySource(PageSource):
             ticks = np.array([event["tick"] for event in player.events], np.int64) - trace.first_tick
             self._add_events(player.history.time[np.clip(ticks, 0, player.ticks - 1)].tolist(), player.events)
             self.past = None if effects is None else ParcelHistory(trace, effects)
+            self._background.append(
+                threading.Thread(target=self._prepare, args=(player,), name="burrlab page", daemon=True)
+            )
         self.has_effects = effects is not None
         self._cancel = threading.Event()
-        self._background.append(threading.Thread(target=self._prepare, name="burrlab page", daemon=True))
         self._take_over()
 
     @property
@@ -303,9 +309,8 @@ class ReplaySource(PageSource):
         self._cancel.set()
         super().close()
 
-    def _prepare(self) -> None:
-        done = isinstance(self.player, RecordingPlayer) or self.player.prepare(cancel=self._cancel)
-        if done and self.past is not None:
+    def _prepare(self, player: TracePlayer) -> None:
+        if player.prepare(cancel=self._cancel) and self.past is not None:
             self.past.make(self._cancel)
 
 
@@ -394,16 +399,25 @@ class LiveSource(PageSource):
 def page_source(source: Shown, effects: Any = None) -> PageSource:
     """The page source of an object. TypeError if it cannot be shown, or the effects do not go with it."""
     if isinstance(source, Trace | TracePlayer | RecordingPlayer):
-        if not isinstance(effects, Effects | None):
-            raise TypeError(f"effects of a trace must be Effects, got {effects!r}")
+        refuse(
+            not isinstance(effects, Effects | None),
+            f"effects of a trace must be Effects, got {effects!r}",
+            TypeError,
+        )
         return ReplaySource(TracePlayer(source) if isinstance(source, Trace) else source, effects)
     if isinstance(source, Session | Replica):
-        if not isinstance(effects, Companion | None):
-            raise TypeError(f"effects of a session must be a Companion, got {effects!r}")
+        refuse(
+            not isinstance(effects, Companion | None),
+            f"effects of a session must be a Companion, got {effects!r}",
+            TypeError,
+        )
         return LiveSource(source, effects)
     if isinstance(source, VoxelBone):
-        if effects is not None:
-            raise TypeError(f"effects go with a trace or a session, got {effects!r} with a bone")
+        refuse(
+            effects is not None,
+            f"effects go with a trace or a session, got {effects!r} with a bone",
+            TypeError,
+        )
         return PageSource(source)
     raise TypeError(
         f"source must be a Trace, TracePlayer, RecordingPlayer, Session, Replica or VoxelBone, got {source!r}"

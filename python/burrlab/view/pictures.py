@@ -105,7 +105,6 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     )  # fmt: skip
 
 
-_NAMES = "xyz"
 _BURR = "#33BBEE"
 
 
@@ -395,12 +394,15 @@ def plot_depth_map(
     bar = axes.figure.colorbar(
         image,
         cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)),  # as tall as the map
-        label=label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]",
+        label=label or f"{'bone removed' if thickness else 'depth'} along {'xyz'[across]} [mm]",
     )
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
     if axis in ("x", "-y", "z"):  # seen from behind: left is the viewer's left
         axes.invert_xaxis()
-    title = f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most\n{note}".rstrip("\n")
-    axes.set(xlabel=f"{_NAMES[right]} [mm]", ylabel=f"{_NAMES[up]} [mm]", title=title)
+    axes.set(
+        xlabel=f"{'xyz'[right]} [mm]",
+        ylabel=f"{'xyz'[up]} [mm]",
+        title=f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most\n{note}".rstrip("\n"),
+    )
     return axes

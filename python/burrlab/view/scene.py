@@ -436,8 +436,7 @@ class Scene:
         """The present picture of the scene, (height, width, 3)."""
         with held_back():
             self.render()
-            pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
-        return pixels
+            return np.asarray(self.plotter.screenshot(return_img=True))
 
     def screenshot(self, path: str | os.PathLike[str]) -> None:
         """Writes the present picture as PNG.

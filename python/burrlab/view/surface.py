@@ -115,11 +115,8 @@ def surface_blocks(
     >>> surface_blocks(burrlab.VoxelBone.block((1, 1, 1), 0.1))
     {(0, 0, 0): SurfaceBlock(602 vertices, 1200 triangles)}
     """
-    if blocks is None:
-        nz, ny, nx = block_counts(bone)
-        wanted = list(itertools.product(range(nz), range(ny), range(nx)))
-    else:
-        wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
+    places = np.ndindex(block_counts(bone)) if blocks is None else blocks
+    wanted = [(int(z), int(y), int(x)) for z, y, x in places]
     by_block = {}
     for k in range(0, len(wanted), _AT_A_TIME):
         some = wanted[k : k + _AT_A_TIME]
@@ -160,8 +157,7 @@ def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
 def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
     """The inverse of `brick_places`; numbers stay as they are. ValueError as in `brick_places`."""
     counts = tuple(-(-n // _BRICK) for n in bone.shape)
-    z, y, x = brick_places(bricks, bone).T
-    return np.asarray((z * counts[1] + y) * counts[2] + x, np.uint32)
+    return np.asarray(np.ravel_multi_index(tuple(brick_places(bricks, bone).T), counts), np.uint32)
 
 
 def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[BlockPlace]:

@@ -294,7 +294,7 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
     if key not in comments:
         return None
     try:
-        value = float(comments[key])
+        value = _float(comments[key])
     except ValueError:
         value = math.nan
     refuse(

@@ -269,7 +269,9 @@ class VelocityCurve(TableData):
             If the rows have no such group.
         """
         refuse(
-            name not in self.groups, f"the rows have no {name}, but {', '.join(self.groups) or 'no group'}"
+            name not in self.groups,
+            f"the rows have no {name}, but {', '.join(self.groups) or 'no group'}: name its column by "
+            f"groups={{{name!r}: heading}} of from_csv, or --groups {name}=HEADING",
         )
         curves = {}
         for label in dict.fromkeys(self.groups[name]):

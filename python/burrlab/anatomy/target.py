@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume, check_same_geometry, grid_of_bone
 from burrlab.bone.tissues import check_count, label_counts
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import Axes, axes_or_new, drawing
 from burrlab.common.progress import doing
 from burrlab.common.records import Codec
@@ -211,8 +211,6 @@ def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> 
     grid = grid_of_bone(bone, target)
     if onto:
         return np.asarray(target.on(grid).labels != 0)
-    try:
+    with amend_error(after="; onto=True (--onto) brings it on the bone's voxels"):
         check_same_geometry(target, grid)
-    except ValueError as error:
-        raise ValueError(f"{error}; onto=True (--onto) brings it on the bone's voxels") from None
     return np.asarray(target.labels != 0)

@@ -50,17 +50,9 @@ from burrlab.bone.image import (
     grid_of_bone,
     same_geometry,
 )
-from burrlab.bone.slices import (
-    ROWS_ALONG_X,
-    SliceFiles,
-    find_slices,
-    is_stack,
-    pixels,
-    read_description,
-    read_stack,
-)
+from burrlab.bone.slices import ROWS_ALONG_X, SliceFiles, is_stack, pixels, read_stack, stack_slices
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import attributes, check_folder, hash_of, new_folder, write_synced
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
@@ -73,10 +65,11 @@ def content_digest(target: Path) -> str:
     """SHA-256 of a file, or of the names and contents of a folder's slices."""
     if target.is_file():
         return hash_of(target)
-    if holds_dicom(target):
-        slices = [Path(name) for name in dicom_files(target)[0]]
-    else:
-        slices = sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
+    slices = (
+        [Path(name) for name in dicom_files(target)[0]]
+        if holds_dicom(target)
+        else sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
+    )
     contents = (path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices)
     return hashlib.sha256(b"".join(contents)).hexdigest()
 
@@ -241,8 +234,7 @@ def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice =
 def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     """Fields beyond the geometry in the original's file, if the new file has the same format."""
     file_format = format_of(target.name)
-    if file_format is None:
-        return {}
+    assert file_format is not None  # `check_drilled` looks at the ending
     fields, whole = dict[str, str](), False
     if file_format is format_of(like.path):
         with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
@@ -281,10 +273,8 @@ def is_whole(like: Volume | LabelVolume) -> bool:
 def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
     """ValueError if the slices cannot be written again, or cannot hold the grey value of empty."""
     if not is_whole(like):
-        try:
+        with amend_error(after="; the ending of another format, as .nrrd, saves it as that"):
             check_slices(_grey(like, empty))
-        except ValueError as error:
-            raise ValueError(f"{error}; the ending of another format, as .nrrd, saves it as that") from None
         return
     for _ in _derived(like, Changes(np.zeros(like.shape, bool), np.empty(0), empty)):
         pass
@@ -396,16 +386,6 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
     return Volume(voxels.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
-def stack_slices(path: str) -> SliceFiles | None:
-    """PNG slices that a volume was read from; None for other volumes."""
-    if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
-        described = read_description(path, unit=1.0)
-        return find_slices(described.folder, prefix=described.prefix)
-    if any(sign in path for sign in "*?[") or (Path(path).is_dir() and is_stack(path)):
-        return find_slices(path)
-    return None
-
-
 def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
     """Name and content of each slice after the changes, with the original's size and kind.
 
@@ -423,8 +403,8 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
         else:
             channels = image[..., None] if image.ndim == 2 else image
             channels[..., :3] = new[k].transpose(turn)[..., None]
-        shown = image[..., :3] if slices.kind == "RGB" else image
-        Image.fromarray(shown).save(written, format="PNG", compress_level=3)
+        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        picture.save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml

@@ -178,14 +178,12 @@ def compare_with_target(
     names = [tissue.name for tissue in bone.tissues] if bone.tissues is not None else ["bone"]
     numbers = bone.tissue_numbers
     sums = np.zeros((3, len(names)), dtype=np.int64)
-    nz, ny, nx = bone.shape
-    layers = max(1, AT_A_TIME // (ny * nx))
-    for begin in range(0, nz, layers):
-        count = min(layers, nz - begin)
-        rows = slice(begin, begin + count)
-        now = bone.read((begin, 0, 0), (count, ny, nx)).astype(np.int64)
-        lost = bone.read((begin, 0, 0), (count, ny, nx), pristine=True) - now
+    layers = max(1, AT_A_TIME // region[0].size)
+    for begin in range(0, len(region), layers):
+        rows = slice(begin, begin + layers)
         inside = region[rows]
+        now = bone.read((begin, 0, 0), inside.shape).astype(np.int64)
+        lost = bone.read((begin, 0, 0), inside.shape, pristine=True) - now
         which = np.zeros(now.shape, np.uint8) if numbers is None else numbers[rows]
         for row, (where, levels) in enumerate(((inside, lost), (inside, now), (~inside, lost))):
             # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.

@@ -177,12 +177,11 @@ def changes(
     first, last, _ = planes.indices(bone.shape[0])
     box = (first, 0, 0), (last - first, *bone.shape[1:])
     density, pristine = bone.read(*box), bone.read(*box, pristine=True)
-    lost = density < pristine
     if isinstance(like, LabelVolume):
-        at = np.nonzero(lost)
-        lost[at] = 2 * density[at].astype(np.int64) < pristine[at]
+        lost = density < pristine - pristine // 2
         return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
+    lost = density < pristine
     was, greys = like.values[planes][lost].astype(np.float64), grey_of_levels(mapping)
     return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 

@@ -188,11 +188,7 @@ class BoneField:
                 f"correlation_length must be at least one voxel, {spacing.max():g} mm, "
                 f"got {self.correlation_length:g} mm",
             )
-            levels = self.levels(*centers, seed=seed)
-            partial = (fraction > 0) & (fraction < 1)
-            levels[fraction == 0] = 0
-            levels[partial] = np.rint(fraction[partial] * levels[partial]).astype(np.uint8)
-            return levels
+            return np.rint(fraction * self.levels(*centers, seed=seed)).astype(np.uint8)
 
         source = (
             f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "

@@ -202,12 +202,9 @@ def coded(
     """
     greys = np.append(greys, empty or 0.0)
     codes, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
-    if not real:
-        nearest = np.rint(codes)
-        if empty is not None:  # rounded up, it might not be empty
-            down = np.floor(codes + 1e-9) if slope > 0 else np.ceil(codes - 1e-9)
-            nearest = np.where(greys <= empty, down, nearest)
-        codes = nearest
+    if not real:  # what is empty is rounded down: rounded up, it might not be empty
+        down = np.floor(codes + 1e-9) if slope > 0 else np.ceil(codes - 1e-9)
+        codes = np.where(greys <= (-np.inf if empty is None else empty), down, np.rint(codes))
     used, limits = bits or whole, np.finfo(kind) if real else np.iinfo(kind)
     least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
     beyond = (codes < least) | (codes > most)

@@ -113,5 +113,5 @@ def test_bad_fields_are_refused(changes: dict[str, Any], match: str) -> None:
 def test_a_segment_without_a_name_has_its_identifier() -> None:
     [segment] = segments_of({"Segment3_ID": "one", "Segment3_LabelValue": "2"})
     assert (segment.name, segment.label, segment.colour) == ("one", 2, None)
-    labels, names, _, notes = merged(np.full((1, 1, 1), 2, np.uint8), [segment])
+    labels, names, _, notes = merged(np.full((1, 1, 1, 1), 2, np.uint8), [segment])
     assert (labels[0, 0, 0], names, notes) == (2, {2: "one"}, ())

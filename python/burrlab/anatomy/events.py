@@ -22,21 +22,21 @@ GROUP = "watch"
 KINDS = ("approach", "touch", "injury", "away")
 
 # Field of the core and column of the file.
-_EVENT = {"distance": "distance_mm", "force": "force_N", "removed": "removed_levels", "center": "center_mm"}
-_DOSE = {
-    "distance": "distance_mm", "closest": "closest_mm", "closest_center": "closest_center_mm",
-    "removed": "removed_levels", "near_force": "near_force_N", "near_peak": "near_peak_N",
+_COLUMNS = {
+    "distance": "distance_mm", "force": "force_N", "removed": "removed_levels", "center": "center_mm",
+    "closest": "closest_mm", "closest_center": "closest_center_mm", "near_force": "near_force_N",
+    "near_peak": "near_peak_N",
 }  # fmt: skip
 
 
-def _renamed(dtype: np.dtype[Any], columns: Mapping[str, str]) -> np.dtype[Any]:
-    return np.dtype([(columns.get(name, name), dtype[name]) for name in dtype.names or ()])
+def _renamed(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype([(_COLUMNS.get(name, name), dtype[name]) for name in dtype.names or ()])
 
 
 #: tick, kind, structure and burr by number, on, distance_mm, force_N, removed_levels, center_mm.
-EVENT_DTYPE = _renamed(_core.watch_event_dtype, _EVENT)
+EVENT_DTYPE = _renamed(_core.watch_event_dtype)
 #: One burr beside one structure (docs/anatomy.md).
-DOSE_DTYPE = _renamed(_core.watch_dose_dtype, _DOSE)
+DOSE_DTYPE = _renamed(_core.watch_dose_dtype)
 
 
 @dataclass(frozen=True, eq=False)

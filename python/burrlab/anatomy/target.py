@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume, check_same_geometry, grid_of_bone
 from burrlab.bone.tissues import check_count, label_counts
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import Axes, axes_or_new, drawing
 from burrlab.common.progress import doing
 from burrlab.common.records import Codec
@@ -178,14 +178,12 @@ def compare_with_target(
     names = [tissue.name for tissue in bone.tissues] if bone.tissues is not None else ["bone"]
     numbers = bone.tissue_numbers
     sums = np.zeros((3, len(names)), dtype=np.int64)
-    nz, ny, nx = bone.shape
-    layers = max(1, AT_A_TIME // (ny * nx))
-    for begin in range(0, nz, layers):
-        count = min(layers, nz - begin)
-        rows = slice(begin, begin + count)
-        now = bone.read((begin, 0, 0), (count, ny, nx)).astype(np.int64)
-        lost = bone.read((begin, 0, 0), (count, ny, nx), pristine=True) - now
+    layers = max(1, AT_A_TIME // region[0].size)
+    for begin in range(0, len(region), layers):
+        rows = slice(begin, begin + layers)
         inside = region[rows]
+        now = bone.read((begin, 0, 0), inside.shape).astype(np.int64)
+        lost = bone.read((begin, 0, 0), inside.shape, pristine=True) - now
         which = np.zeros(now.shape, np.uint8) if numbers is None else numbers[rows]
         for row, (where, levels) in enumerate(((inside, lost), (inside, now), (~inside, lost))):
             # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.
@@ -211,8 +209,6 @@ def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> 
     grid = grid_of_bone(bone, target)
     if onto:
         return np.asarray(target.on(grid).labels != 0)
-    try:
+    with amend_error(after="; onto=True (--onto) brings it on the bone's voxels"):
         check_same_geometry(target, grid)
-    except ValueError as error:
-        raise ValueError(f"{error}; onto=True (--onto) brings it on the bone's voxels") from None
     return np.asarray(target.labels != 0)

@@ -208,13 +208,15 @@ class Watch:
         cls, bone: VoxelBone, settings: Mapping[str, Any], progress: Progress | None = None
     ) -> "Watch":
         """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
-        rows = {row["name"]: row for row in settings["structures"]}
+        rows = settings["structures"]
         limits: dict[str, Any] = {
-            limit: {n: row[f"{limit}_{unit}"] for n, row in rows.items()}
+            limit: {row["name"]: row[f"{limit}_{unit}"] for row in rows}
             for limit, unit in (("approach", "mm"), ("touch", "mm"), ("injury", "mm3"))
         }
-        names = [row["name"] for row in settings["structures"]]
-        return cls(bone, hysteresis=settings["hysteresis_mm"], structures=names, progress=progress, **limits)
+        return cls(
+            bone, hysteresis=settings["hysteresis_mm"], structures=[row["name"] for row in rows], progress=progress,
+            **limits,
+        )  # fmt: skip
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from burrlab.bone.header import (
     three_sizes,
 )
 from burrlab.bone.image import SLAB, Colour, LabelVolume, Volume, checked_direction
-from burrlab.common.check import check_memory, first_bytes, refuse, shown
+from burrlab.common.check import amend_error, check_memory, first_bytes, refuse, shown
 from burrlab.common.files import new_file, write_synced
 from burrlab.common.progress import doing
 
@@ -155,10 +155,8 @@ def read_labels(
     name, header, values = _read(path, spacing, series, most=2**31)
     names, colours, notes = *_named(header.fields), header.notes
     if header.layers > 1:
-        try:
+        with amend_error(f"{name}: "):
             values, names, colours, more = merged(values, segments_of(header.fields, layers=header.layers))
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
         notes += more
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, names, colours, notes,
@@ -348,7 +346,6 @@ def new_volume(
         key = _NIFTI_NOTES if ending.startswith(".nii") else _ASSUMED
         known = fields.get(key, "").removeprefix(LPS_ASSUMED).strip()
         fields = {**fields, key: f"{LPS_ASSUMED} {known}".strip()[:79]}
-    medical("SimpleITK", "writing volumes")
     plain_name(str(target))
     values = volume.voxels
     kind, find = values.dtype.newbyteorder("="), planes or values.__getitem__
@@ -515,11 +512,11 @@ def segment_fields(
 def merged(
     values: NDArray[Any], segments: list[Segment]
 ) -> tuple[NDArray[Any], dict[int, str], dict[int, Colour], tuple[str, ...]]:
-    """Labels (z, y, x), names, colours and notes of segments in one or several layers.
+    """Labels (z, y, x), names, colours and notes of segments in layers.
 
     Parameters
     ----------
-    values : ndarray, shape (z, y, x) or (z, y, x, layers)
+    values : ndarray, shape (z, y, x, layers)
     segments : list of Segment
 
     Raises
@@ -529,27 +526,24 @@ def merged(
     """
     notes: tuple[str, ...] = ()
     numbers = [segment.label for segment in segments]
-    if values.ndim == 3:
-        labels = values
-    else:
-        if len(set(numbers)) < len(numbers):
-            numbers = list(range(1, len(segments) + 1))
-            notes = (
-                f"labels are renumbered, 1 to {len(numbers)} in the order of the segments: layers repeat them",
+    if len(set(numbers)) < len(numbers):
+        numbers = list(range(1, len(segments) + 1))
+        notes = (
+            f"labels are renumbered, 1 to {len(numbers)} in the order of the segments: layers repeat them",
+        )
+    labels = np.zeros(values.shape[:3], np.uint8 if max(numbers, default=0) < 256 else np.int32)
+    for label, segment in zip(numbers, segments, strict=True):
+        here = values[..., segment.layer] == segment.label
+        twice = here & (labels != 0)
+        if twice.any():
+            first = tuple(int(i) for i in np.argwhere(twice)[0])
+            other = segments[numbers.index(int(labels[first]))]
+            raise ValueError(
+                f"segments must not overlap, {other.name!r} and {segment.name!r} share voxels, "
+                f"{np.count_nonzero(twice)} in all, the first at (z, y, x) = "
+                f"{first}: export the segmentation as a label map"
             )
-        labels = np.zeros(values.shape[:3], np.uint8 if max(numbers, default=0) < 256 else np.int32)
-        for label, segment in zip(numbers, segments, strict=True):
-            here = values[..., segment.layer] == segment.label
-            twice = here & (labels != 0)
-            if twice.any():
-                first = tuple(int(i) for i in np.argwhere(twice)[0])
-                other = segments[numbers.index(int(labels[first]))]
-                raise ValueError(
-                    f"segments must not overlap, {other.name!r} and {segment.name!r} share voxels, "
-                    f"{np.count_nonzero(twice)} in all, the first at (z, y, x) = "
-                    f"{first}: export the segmentation as a label map"
-                )
-            labels[here] = label
+        labels[here] = label
     pairs = list(zip(numbers, segments, strict=True))
     colours = {label: segment.colour for label, segment in pairs if segment.colour is not None}
     return labels, {label: segment.name for label, segment in pairs}, colours, notes

@@ -529,17 +529,8 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Storage:
 # ---- NIfTI ----
 
 _NIFTI_KINDS = {
-    2: "u1",
-    4: "i2",
-    8: "i4",
-    16: "f4",
-    64: "f8",
-    256: "i1",
-    512: "u2",
-    768: "u4",
-    1024: "i8",
-    1280: "u8",
-}
+    2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8",
+}  # fmt: skip
 _NIFTI_UNITS = {1: 1e3, 2: 1.0, 3: 1e-3}  # xyzt_units: metres, millimetres, micrometres
 _NIFTI_TO_LPS = np.diag([-1.0, -1.0, 1.0])  # NIfTI's x and y point right and forward
 #: Relative difference allowed between spacing by sform and by pixdim.

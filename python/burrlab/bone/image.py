@@ -11,14 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.bone.specimen import (
-    MOST_VOXELS,
-    Specimen,
-    Vector,
-    checked_spacing,
-    surface_along,
-    unit_vector,
-)
+from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, refuse, require_type, scalar
 from burrlab.common.progress import doing
 from burrlab.common.table import object_html
@@ -324,15 +317,7 @@ def resampled_shape(
     return z, y, x
 
 
-def resample_linear(
-    values: NDArray[Any],
-    old: Array,
-    new: Array,
-    *,
-    empty_outside: bool = False,
-    kind: Any = np.float32,
-    store: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda plane: plane,
-) -> NDArray[Any]:
+def resample_linear(values: NDArray[Any], old: Array, new: Array, *, levels: bool = False) -> NDArray[Any]:
     """Values (z, y, x) at the centres of voxels of spacing `new` (x, y, z), from the same corner.
 
     Along an axis with smaller voxels, values are linear between the two nearest centres and constant
@@ -344,12 +329,9 @@ def resample_linear(
     values : ndarray, shape (z, y, x)
     old, new : ndarray, shape (3,)
         Spacing (x, y, z) [mm].
-    empty_outside : bool
-        Whether the value of a last voxel that reaches beyond the volume is multiplied by its part within.
-    kind : dtype
-        Type of the result.
-    store : callable
-        Applied to each plane of float32 before it is stored as `kind`.
+    levels : bool
+        Whether the values are occupancies, and the result has levels of bone, rounded, instead of float32. Beyond the
+        volume there is none: the value of a last voxel that reaches out is multiplied by its part within.
     """
     shape = resampled_shape(values.shape, old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
     work = values.astype(np.float32, copy=False)
@@ -363,15 +345,16 @@ def resample_linear(
     )
     # Part of the last voxel that lies in the volume; 1 if both end together but for rounding.
     last = np.array(values.shape) * old[::-1] / new[::-1] - (np.array(shape) - 1)
-    within = np.where(empty_outside & (last < 1.0 - _WHOLE), last, 1.0).astype(np.float32)
-    resampled = np.empty(shape, dtype=kind)
+    within = np.where(levels & (last < 1.0 - _WHOLE), last, 1.0).astype(np.float32)
+    resampled = np.empty(shape, np.uint8 if levels else np.float32)
     for k in range(shape[0]):  # plane by plane: no copies of a large volume
         plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
         plane = plane[y0] + yw[:, None] * (plane[y1] - plane[y0])
         plane = plane[:, x0] + xw * (plane[:, x1] - plane[:, x0])
         plane[-1] *= within[1]
         plane[:, -1] *= within[2]
-        resampled[k] = store(plane if k < shape[0] - 1 else plane * within[0])
+        plane = plane if k < shape[0] - 1 else plane * within[0]
+        resampled[k] = np.rint(255.0 * plane.astype(np.float64)) if levels else plane
     return resampled
 
 
@@ -647,18 +630,11 @@ class Volume(OnGrid):
             for k in range(0, len(self.values), SLAB):
                 bone.write(mapping.levels(self.values[k : k + SLAB]), (k, 0, 0))
             return bone
-        return VoxelBone(resample_linear(
-            mapping.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8,
-            store=lambda plane: np.rint(255.0 * plane.astype(np.float64)).astype(np.uint8),
-        ), spacing=new, origin=self.bone_point(self._origin_at(new)))  # fmt: skip
+        levels = resample_linear(mapping.occupancy(self.values), self.spacing, new, levels=True)
+        return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 
     def specimen(
-        self,
-        mapping: OccupancyMap,
-        *,
-        entry: Vector,
-        axis: Vector,
-        spacing: float | ArrayLike | None = None,
+        self, mapping: OccupancyMap, *, entry: Vector, axis: Vector, spacing: float | ArrayLike | None = None
     ) -> Specimen:
         """The bone with an axis. Immersion counts from the point where the axis first reaches level 128.
 
@@ -807,14 +783,12 @@ class LabelVolume(OnGrid):
         self._check(whole_labels(np.asarray(self.labels), self.path))
         for name in self.names.values():
             require_type("a name", name, str, "'facial nerve'")
-        colours = {}
-        for label, colour in self.colours.items():
-            r, g, b = (int(channel) for channel in colour)
+        colours = {int(label): (int(r), int(g), int(b)) for label, (r, g, b) in self.colours.items()}
+        for label, colour in colours.items():
             refuse(
-                not all(0 <= channel <= 255 for channel in (r, g, b)),
+                not all(0 <= channel <= 255 for channel in colour),
                 f"colours must be of channels 0 to 255, got {colour} for label {label}",
             )
-            colours[int(label)] = (r, g, b)
         self.__dict__.update(names={int(label): name for label, name in self.names.items()}, colours=colours)
 
     @doing("bringing labels on the voxels of a volume")

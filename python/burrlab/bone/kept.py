@@ -50,17 +50,9 @@ from burrlab.bone.image import (
     grid_of_bone,
     same_geometry,
 )
-from burrlab.bone.slices import (
-    ROWS_ALONG_X,
-    SliceFiles,
-    find_slices,
-    is_stack,
-    pixels,
-    read_description,
-    read_stack,
-)
+from burrlab.bone.slices import ROWS_ALONG_X, SliceFiles, is_stack, pixels, read_stack, stack_slices
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import attributes, check_folder, hash_of, new_folder, write_synced
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
@@ -73,10 +65,11 @@ def content_digest(target: Path) -> str:
     """SHA-256 of a file, or of the names and contents of a folder's slices."""
     if target.is_file():
         return hash_of(target)
-    if holds_dicom(target):
-        slices = [Path(name) for name in dicom_files(target)[0]]
-    else:
-        slices = sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
+    slices = (
+        [Path(name) for name in dicom_files(target)[0]]
+        if holds_dicom(target)
+        else sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
+    )
     contents = (path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices)
     return hashlib.sha256(b"".join(contents)).hexdigest()
 
@@ -184,12 +177,11 @@ def changes(
     first, last, _ = planes.indices(bone.shape[0])
     box = (first, 0, 0), (last - first, *bone.shape[1:])
     density, pristine = bone.read(*box), bone.read(*box, pristine=True)
-    lost = density < pristine
     if isinstance(like, LabelVolume):
-        at = np.nonzero(lost)
-        lost[at] = 2 * density[at].astype(np.int64) < pristine[at]
+        lost = density < pristine - pristine // 2
         return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
+    lost = density < pristine
     was, greys = like.values[planes][lost].astype(np.float64), grey_of_levels(mapping)
     return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 
@@ -210,12 +202,9 @@ def coded(
     """
     greys = np.append(greys, empty or 0.0)
     codes, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
-    if not real:
-        nearest = np.rint(codes)
-        if empty is not None:  # rounded up, it might not be empty
-            down = np.floor(codes + 1e-9) if slope > 0 else np.ceil(codes - 1e-9)
-            nearest = np.where(greys <= empty, down, nearest)
-        codes = nearest
+    if not real:  # what is empty is rounded down: rounded up, it might not be empty
+        down = np.floor(codes + 1e-9) if slope > 0 else np.ceil(codes - 1e-9)
+        codes = np.where(greys <= (-np.inf if empty is None else empty), down, np.rint(codes))
     used, limits = bits or whole, np.finfo(kind) if real else np.iinfo(kind)
     least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
     beyond = (codes < least) | (codes > most)
@@ -241,8 +230,7 @@ def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice =
 def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     """Fields beyond the geometry in the original's file, if the new file has the same format."""
     file_format = format_of(target.name)
-    if file_format is None:
-        return {}
+    assert file_format is not None  # `check_drilled` looks at the ending
     fields, whole = dict[str, str](), False
     if file_format is format_of(like.path):
         with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
@@ -281,10 +269,8 @@ def is_whole(like: Volume | LabelVolume) -> bool:
 def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
     """ValueError if the slices cannot be written again, or cannot hold the grey value of empty."""
     if not is_whole(like):
-        try:
+        with amend_error(after="; the ending of another format, as .nrrd, saves it as that"):
             check_slices(_grey(like, empty))
-        except ValueError as error:
-            raise ValueError(f"{error}; the ending of another format, as .nrrd, saves it as that") from None
         return
     for _ in _derived(like, Changes(np.zeros(like.shape, bool), np.empty(0), empty)):
         pass
@@ -396,16 +382,6 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
     return Volume(voxels.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
-def stack_slices(path: str) -> SliceFiles | None:
-    """PNG slices that a volume was read from; None for other volumes."""
-    if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
-        described = read_description(path, unit=1.0)
-        return find_slices(described.folder, prefix=described.prefix)
-    if any(sign in path for sign in "*?[") or (Path(path).is_dir() and is_stack(path)):
-        return find_slices(path)
-    return None
-
-
 def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
     """Name and content of each slice after the changes, with the original's size and kind.
 
@@ -423,8 +399,8 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
         else:
             channels = image[..., None] if image.ndim == 2 else image
             channels[..., :3] = new[k].transpose(turn)[..., None]
-        shown = image[..., :3] if slices.kind == "RGB" else image
-        Image.fromarray(shown).save(written, format="PNG", compress_level=3)
+        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        picture.save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml

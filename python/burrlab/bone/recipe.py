@@ -208,14 +208,10 @@ class _CachedRecipe(_FileRecipe):
         """A new bone as it was kept; None if there is none."""
         if self._kept is None:
             return None
-        try:
-            header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
-            table = tissues_from_json(header["tissues"]) if header["tissues"] else None
-            place = (header["shape"], header["spacing"], header["origin"])
-            return unpack_bone(*place, packed[0], table, packed[1])
-        except UNREADABLE:
-            self.__dict__["_kept"] = None
-            return None
+        # The entry's checksum is right, and the same code wrote it: it holds what `_keep` puts there.
+        header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
+        table = tissues_from_json(header["tissues"]) if header["tissues"] else None
+        return unpack_bone(header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1])
 
     def grid(self) -> OnGrid:
         """Geometry of the volume; beside a kept bone its voxels are 0."""
@@ -487,22 +483,13 @@ class LabelledRecipe(_CachedRecipe):
     grey: VolumeRecipe | None = field(
         default=None, metadata=_key("grey", VolumeRecipe.of, VolumeRecipe.plain)
     )
-    fill: Mapping[str, float] = field(
-        default_factory=dict,
-        metadata=_key(
-            "fill",
-            lambda fill: {str(name): float(part) for name, part in dict(fill).items()},
-            dict,
-            omitted={},
-        ),
-    )
+    fill: Mapping[str, float] = field(default_factory=dict, metadata=_key(
+        "fill", lambda fill: {str(name): float(part) for name, part in dict(fill).items()}, dict, omitted={},
+    ))  # fmt: skip
     spacing: Triple | None = field(default=None, metadata=_key("labels_spacing_mm", _triple))
-    unknown: str | int = field(
-        default="refuse",
-        metadata=_key(
-            "unknown", lambda value: value if isinstance(value, int) else str(value), omitted="refuse"
-        ),
-    )
+    unknown: str | int = field(default="refuse", metadata=_key(
+        "unknown", lambda choice: choice if isinstance(choice, int) else str(choice), omitted="refuse",
+    ))  # fmt: skip
     unit: float | None = field(default=None, metadata=_key("unit_mm", float))
     crop: Box | None = field(
         default=None, metadata=_key("crop_mm", lambda box: (_triple(box[0]), _triple(box[1])))
@@ -634,9 +621,8 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
         "tissues", absolute(path), material.name, material.c_e, material.alpha, material.source, material.shape.name,
         *law_of(material).items(), dict(stack),
     ], [absolute(path)])  # fmt: skip
-    with contextlib.suppress(*UNREADABLE):
-        if (cached := entry.find()) is not None:
-            return LabelledRecipe(path, tissues_from_json(cached.header["tissues"]), **stack, **settings)
+    if (cached := entry.find()) is not None:
+        return LabelledRecipe(path, tissues_from_json(cached.header["tissues"]), **stack, **settings)
     labels = labels_of(path, usual=True, **stack)
     tissues = default_tissues(labels, material=material)
     if labels.labels.size >= WORTH_SMOOTHED:
@@ -716,10 +702,11 @@ class DrilledRecipe(_FileRecipe):
 
     @cached_property
     def _drilled(self) -> DrilledVolume:
-        if _holds_bone(self.path):
-            drilled = DrilledVolume(*load_bone(self.path), None, self.path, self.path)
-        else:
-            drilled = load_drilled(self.path)
+        drilled = (
+            DrilledVolume(*load_bone(self.path), None, self.path, self.path)
+            if _holds_bone(self.path)
+            else load_drilled(self.path)
+        )
         if self.digest not in (None, drilled.bone.digest()):
             raise ValueError(
                 f"{self.path}: the bone has digest {drilled.bone.digest()} by now, and {self.digest} is "
@@ -749,14 +736,12 @@ class DrilledRecipe(_FileRecipe):
             *(note for note in notes if assumed([note])),
         )
 
-    def grid(self) -> OnGrid:
-        """Geometry of the volume; errors as `like`."""
-        return self.like()
-
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`; ValueError for a bone without one."""
         refuse(_holds_bone(self.path), f"{self.path} is a bone alone, without a volume: save it as .h5 again")
         return self._volume
+
+    grid = like
 
     @cached_property
     def _volume(self) -> Volume | LabelVolume:

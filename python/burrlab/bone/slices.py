@@ -24,7 +24,7 @@ from burrlab.bone.dicom import holds_dicom
 from burrlab.bone.header import LPS_ASSUMED, medical
 from burrlab.bone.image import Colour, LabelVolume, Volume
 from burrlab.bone.specimen import checked_spacing
-from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
+from burrlab.bone.tissues import EMPTY, VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
 from burrlab.common.progress import doing
 
@@ -76,33 +76,30 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         first in size or kind.
     """
     text = os.fspath(place)
-    if Path(text).is_dir():
-        pictures = [path for path in Path(text).iterdir() if path.suffix.lower() == ".png"]
-    elif any(sign in text for sign in "*?["):
-        pictures = [Path(name) for name in glob.glob(text)]
-    else:
-        raise FileNotFoundError(
-            f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
-        )
+    in_folder = Path(text).is_dir()
+    refuse(
+        not in_folder and not any(sign in text for sign in "*?["),
+        f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file",
+        FileNotFoundError,
+    )
     pictures = [
         path
-        for path in pictures
+        for path in (Path(text).iterdir() if in_folder else map(Path, glob.glob(text)))
         if path.is_file() and path.name.startswith(prefix or "") and not path.name.startswith(".")
+        if path.suffix.lower() == ".png" or not in_folder
     ]
     named = "" if prefix is None else f" that begin with {prefix!r}"
     refuse(not pictures, f"{text}: there are no PNG slices{named}")
     first = 0 if prefix is not None else 1  # a description counts from 0
-    return _alike(_in_order(text, pictures, latest=first if Path(text).is_dir() else None))
+    return _alike(_in_order(text, pictures, latest=first if in_folder else None))
 
 
 def stack_files(path: str) -> list[str]:
     """All files that a stack is read from."""
-    described = Path(path).suffix.lower() in _DESCRIPTIONS
-    folder = read_description(path, unit=1.0).folder if described else Path(path)
-    if not described and not folder.is_dir():
-        return sorted(glob.glob(path))
-    pictures = sorted(str(part) for part in folder.iterdir() if part.suffix.lower() == ".png")
-    return [path, *pictures] if described else pictures
+    if Path(path).suffix.lower() in _DESCRIPTIONS:
+        return [path, *stack_files(str(read_description(path, unit=1.0).folder))]
+    parts = Path(path).iterdir() if Path(path).is_dir() else map(Path, glob.glob(path))
+    return sorted(str(part) for part in parts if part.suffix.lower() == ".png")
 
 
 def pixels(path: Path) -> NDArray[Any]:
@@ -213,7 +210,6 @@ RANKING = (
     "sigmoid sinus", "sinus and dura", "dura", "brain", "temporomandibular joint", "soft tissue",
     "cortex", "mastoid", "bone", "external auditory canal", "unlabelled", "air",
 )  # fmt: skip
-_EMPTY = ("external auditory canal", "air")  # never guessed: a guess makes no hole
 _TOLD = 5  # colours in a message; `LabelVolume.unknown_colours` has all
 _SUMMED = {2: "two", 3: "three", 4: "four"}  # opaque colours in a sum modulo 256: its alpha is 256 less these
 _UNCLEAR = 65535  # number of a sum that no single pair, or no other group, explains; groups have lower ones
@@ -232,12 +228,8 @@ class Palette:
 
     Parameters
     ----------
-    rows : iterable of (int, str, (r, g, b))
-        Label, name and colour.
-    unknown, ranking
-        See `read_stack`.
-    critical : iterable of int
-        Labels that 'nearest' never gives unless they are named; nor does it give the ear canal or air.
+    palette, unknown, ranking
+        See `read_stack`. 'nearest' gives critical structures, the ear canal and air only where they are named.
 
     Raises
     ------
@@ -247,11 +239,17 @@ class Palette:
 
     def __init__(
         self,
-        rows: Iterable[tuple[int, str, Any]],
-        unknown: str | int = "refuse",
-        ranking: Sequence[str] | None = None,
-        critical: Iterable[int] = (),
+        palette: Tissues | Mapping[str, Colour] | None,
+        unknown: str | int,
+        ranking: Sequence[str] | None,
     ) -> None:
+        if isinstance(palette, Tissues):
+            rows: list[tuple[int, str, Any]] = [(t.label, t.name, t.colour) for t in palette]
+            critical = {t.label for t in palette if t.critical}
+        else:
+            named = VOLUMETRIC_DRILLING if palette is None else palette
+            rows = [(i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1)]
+            critical = {i for i, name, _ in rows if (known := known_tissue(name)) and known.critical}
         self.names: dict[int, str] = {}
         self.colours: dict[int, Colour] = {}
         seen: dict[Colour, str] = {}
@@ -281,7 +279,8 @@ class Palette:
             self._strange_place
         )
         self._labels = np.array([0, *self.colours, 0], self.dtype)
-        self._spare = {*critical, *(i for i in self.colours if _known(self.names[i])[0] in _EMPTY)}
+        # Never guessed: a guess makes no hole, and is no critical structure.
+        self._spare = {*critical, *(i for i in self.colours if _known(self.names[i])[0] in EMPTY)}
         self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
         self._strange: Counter[int] = Counter()
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
@@ -289,26 +288,6 @@ class Palette:
         self._spared: Counter[int] = Counter()
         self._sums: dict[int, _Sums] = {}  # by the number of colours, made at the first such alpha
         self._overlaps: dict[int, Counter[int]] = {count: Counter() for count in _SUMMED}
-
-    @classmethod
-    def of(
-        cls,
-        palette: Tissues | Mapping[str, Colour] | None,
-        unknown: str | int,
-        ranking: Sequence[str] | None,
-    ) -> "Palette":
-        """Palette of a table of tissues, of names and colours, or (None) of volumetric_drilling."""
-        if isinstance(palette, Tissues):
-            critical = [t.label for t in palette if t.critical]
-            return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
-        named = VOLUMETRIC_DRILLING if palette is None else palette
-        critical = [i for i, name in enumerate(named, 1) if (known := known_tissue(name)) and known.critical]
-        return cls(
-            ((i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1)),
-            unknown,
-            ranking,
-            critical,
-        )
 
     def labels(self, image: NDArray[np.uint8], path: Path) -> NDArray[Any]:
         """Labels of the next slice of RGBA pixels."""
@@ -474,21 +453,21 @@ def _colour(name: str, triple: Any) -> Colour:
 
 def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
     """`unknown` as a word or label, and the labels that it names."""
-    if unknown in ("refuse", "nearest") or (not isinstance(unknown, (str, bool)) and unknown in names):
-        return unknown, []
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
         wanted = {_known(name)[0] for name in unknown[len("nearest:") :].split(",")}
         requested = [label for label, name in names.items() if label and _known(name)[0] in wanted]
-        if wanted <= {_known(names[label])[0] for label in requested}:
-            return "nearest", requested
-        raise ValueError(
+        refuse(
+            not wanted <= {_known(names[label])[0] for label in requested},
             f"unknown='nearest:NAME' must name structures of the palette, {', '.join(filter(None, names.values()))}, "
-            f"got {unknown!r}"
+            f"got {unknown!r}",
         )
-    raise ValueError(
+        return "nearest", requested
+    refuse(
+        unknown not in ("refuse", "nearest") and (isinstance(unknown, (str, bool)) or unknown not in names),
         "unknown must be 'refuse', 'nearest' or a label of the palette "
-        f"({', '.join(map(str, sorted(names)))}), got {unknown!r}"
+        f"({', '.join(map(str, sorted(names)))}), got {unknown!r}",
     )
+    return unknown, []
 
 
 #: Least and largest plausible side of a head or a part of one [mm] (ours).
@@ -767,19 +746,18 @@ def stack_of(
         greys = (image[..., 0] if image.ndim == 3 else image for image in map(pixels, slices.paths))
         kind = np.uint16 if slices.bits == 16 else np.uint8
         return Volume(_stacked(name, greys, shape, kind, turned), notes=tuple(notes), **grid)
-    colours = Palette.of(palette, unknown, ranking)
+    colours = Palette(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
     planes = (colours.labels(pixels(file), file) for file in slices.paths)
     labels = _stacked(name, planes, shape, colours.dtype, turned)
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
         colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()
-    notes.extend(colours.notes(name, strange))
     return LabelVolume(
         labels,
         names=colours.names,
         colours=colours.colours,
-        notes=tuple(notes),
+        notes=(*notes, *colours.notes(name, strange)),
         unknown_colours=strange,
         **grid,
     )
@@ -808,10 +786,8 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
             f"spacing must not be given with {name}, which has dimensions (unit= is their unit)",
         )
         return read_description(name, unit=unit)
-    if spacing is None:
-        raise ValueError(f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
+    refuse(spacing is None, f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
     refuse(unit is not None, "unit goes with a YAML file: spacing is in mm")
-    checked_spacing(spacing)
     return None
 
 
@@ -836,3 +812,14 @@ def is_stack(path: str) -> bool:
     if Path(path).suffix.lower() in (*_DESCRIPTIONS, ".png"):
         return True
     return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)
+
+
+def stack_slices(path: str) -> SliceFiles | None:
+    """PNG slices that a volume was read from; None for other volumes."""
+    if Path(path).suffix.lower() in _DESCRIPTIONS and Path(path).is_file():
+        described = read_description(path, unit=1.0)
+        return find_slices(described.folder, prefix=described.prefix)
+    pattern = any(sign in path for sign in "*?[") and not Path(path).exists()
+    if pattern or (Path(path).is_dir() and is_stack(path)):
+        return find_slices(path)
+    return None

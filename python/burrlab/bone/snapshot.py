@@ -30,7 +30,7 @@ from burrlab.common.files import (
     put_attributes,
 )
 from burrlab.common.progress import doing
-from burrlab.common.records import in_one_line, law_of
+from burrlab.common.records import UNREADABLE, in_one_line, law_of
 
 if TYPE_CHECKING:
     import h5py
@@ -162,16 +162,7 @@ def told_as_damage(path: str | os.PathLike[str], closing: "h5py.File | None" = N
     """Turns every error from a damaged file's content into a ValueError that names the file, and closes `closing`."""
     try:
         yield
-    except (
-        LookupError,
-        OSError,
-        zlib.error,
-        TypeError,
-        ValueError,
-        ArithmeticError,
-        AttributeError,
-        RuntimeError,
-    ) as error:
+    except (OSError, RuntimeError, zlib.error, *UNREADABLE) as error:
         if closing is not None:
             closing.close()
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):

@@ -32,7 +32,7 @@ from burrlab.bone.image import (
 )
 from burrlab.bone.materials import material_of, materials
 from burrlab.bone.snapshot import tissues_to_json
-from burrlab.common.check import refuse, require_type, shown
+from burrlab.common.check import amend_error, refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE, in_one_line, law_of
@@ -398,10 +398,8 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
         waiting,
         f"{name}, {', '.join(waiting)}, column name: every row needs a name, that of its structure",
     )
-    try:
+    with amend_error(f"{name}: "):
         return Tissues(rows, material)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
@@ -606,7 +604,9 @@ def labelled_bone(
     else:
         refuse(mapping is not None, "mapping must be given with grey values only")
         bone = empty_bone(labels.shape, labels.spacing, labels.bone_point(labels.origin))
-        full_levels = np.array([0 if _is_empty(tissue, empty) else 255 for tissue in tissues], np.uint8)
+        full_levels = np.array([
+            0 if t.label == 0 or ((known := known_tissue(t.name)) and known.name in empty) else 255 for t in tissues
+        ], np.uint8)  # fmt: skip
         smoothing_note = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
         if smooth is not None:
             levels, numbers, smoothing_note = _smoothed(
@@ -638,12 +638,6 @@ def labelled_bone(
     return LabelledBone(bone, tuple(notes))
 
 
-def _is_empty(tissue: Tissue, empty: Collection[str]) -> bool:
-    """Whether a tissue of labels alone has no bone."""
-    known = known_tissue(tissue.name)
-    return tissue.label == 0 or (known is not None and known.name in empty)
-
-
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
     """The labels on all voxels of a volume; if they cover a box of it, 0 outside the box.
 
@@ -662,10 +656,8 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
     )
     whole = labels.labels
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
-        try:
+        with amend_error(after="; labels.on(volume) (--onto) takes the nearest label"):
             check_same_geometry(volume, labels)
-        except ValueError as error:
-            raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
     else:
         whole = np.zeros(volume.shape, labels.labels.dtype)
         (x, y, z), (u, v, w) = start, stop

@@ -135,7 +135,9 @@ class BoneField:
         if self.contrast == 0 or out.size == 0:
             return out
         # Thresholds of g for each level: exact, without a beta quantile per voxel.
-        threshold = special.ndtri(special.betainc(*self._beta(), (np.arange(255) + 0.5) / 255))
+        total = (1 - self.mean) / (self.mean * self.contrast**2) - 1  # of the beta distribution's a and b
+        a, b = self.mean * total, (1 - self.mean) * total
+        threshold = special.ndtri(special.betainc(a, b, (np.arange(255) + 0.5) / 255))
         stencils = [_stencil(c * (NODES_A_LENGTH / self.correlation_length)) for c in axes]
         low = [int(first.min()) for first, _ in stencils]
         high = [int(first.max()) + 2 * REACH for first, _ in stencils]
@@ -186,22 +188,13 @@ class BoneField:
                 f"correlation_length must be at least one voxel, {spacing.max():g} mm, "
                 f"got {self.correlation_length:g} mm",
             )
-            levels = self.levels(*centers, seed=seed)
-            partial = (fraction > 0) & (fraction < 1)
-            levels[fraction == 0] = 0
-            levels[partial] = np.rint(fraction[partial] * levels[partial]).astype(np.uint8)
-            return levels
+            return np.rint(fraction * self.levels(*centers, seed=seed)).astype(np.uint8)
 
         source = (
             f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "
             f"correlation length {self.correlation_length:g} mm, seed {seed}"
         )
         return block_below_plane(burr, voxel, filled, source, depth=depth, axis=axis, offset=offset)
-
-    def _beta(self) -> tuple[float, float]:
-        """Parameters a and b of the beta distribution, by its first two moments."""
-        total = (1 - self.mean) / (self.mean * self.contrast**2) - 1
-        return self.mean * total, (1 - self.mean) * total
 
 
 def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:

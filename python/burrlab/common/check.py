@@ -189,3 +189,12 @@ def refuse(broken: object, sentence: str, error: type[BaseException] = ValueErro
     """
     if broken:
         raise error(sentence)
+
+
+@contextlib.contextmanager
+def amend_error(before: str = "", after: str = "") -> Iterator[None]:
+    """Puts words before and after the sentence of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{before}{error}{after}") from None

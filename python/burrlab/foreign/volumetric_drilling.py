@@ -14,8 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from burrlab._core import ScriptedDevice, Tissues, VoxelBone, read_bricks, take_changed_bricks
-from burrlab.bone.kept import stack_slices
-from burrlab.bone.slices import is_stack
+from burrlab.bone.slices import is_stack, stack_slices
 from burrlab.bone.snapshot import open_any_hdf5, read_dataset, told_as_damage
 from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import attributes, new_file, new_hdf5

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab._core as _core
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.progress import doing
 
 
@@ -109,10 +109,8 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     )
     if cookie[14:16] != b"38":
         warnings.warn(f"{file} is read as a log of VRPN 07.38, {begins}", stacklevel=3)
-    try:
+    with amend_error(f"{file} is truncated or damaged: "):
         messages, other = _core.read_vrpn_log(content)
-    except ValueError as error:
-        raise ValueError(f"{file} is truncated or damaged: {error}") from None
     started = min((int(times.min()) for _, _, times, _, _ in messages if len(times)), default=0)  # [us]
     tables: dict[str, dict[str, NDArray[np.void]]] = {name: {} for name, _, _ in _TABLES.values()}
     for kind, sender, times, numbers, values in messages:

@@ -216,7 +216,9 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
             change = (wanted - count) * step**3 / (math.pi * drawn / 2)
             weights = weights + 0.8 * np.clip(change, -0.3 * drawn**2, 0.3 * drawn**2)
             lost = np.flatnonzero(count == 0)
-            weights[lost] = (drawn[lost] / 4) ** 2 - _least_power(sites[lost], sites, weights)
+            # A new site owns its point if its power is below the least one there.
+            power = ((sites[lost, None] - sites) ** 2).sum(axis=2) - weights
+            weights[lost] = (drawn[lost] / 4) ** 2 - power.min(axis=1)
             if k < 2 * rounds // 3:  # later the sites stay, and the volumes settle
                 full = count > 0
                 totals = [np.bincount(owners, weights=along, minlength=len(sites)) for along in points.T]
@@ -229,12 +231,6 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     return Honeycomb(
         sites[populated], weights[populated], drawn[populated], realised, int(np.count_nonzero(~populated))
     )
-
-
-def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:
-    """Least power at each point [mm^2]; a new site there owns the point if its power is lower."""
-    power = ((points[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2) - weights
-    return np.asarray(power.min(axis=1))
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:

@@ -13,7 +13,7 @@ from burrlab._core import Material, Tissues, VoxelBone
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.materials import materials
 from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
-from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, lattice_around, share
+from burrlab.bone.phantom.shapes import Floats, Grid, Singles, distance_to, ellipsoid, lattice_around, share
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
 from burrlab.bone.tissues import default_tissues
 from burrlab.common.check import check_memory, real, refuse
@@ -90,8 +90,6 @@ def _lay(
     numbers[(part >= np.float32(0.5)) | (added > before)] = number
     return np.asarray(before + added)
 
-
-Floats = NDArray[np.float64]
 
 #: Lengths of the default box along x, y, z [mm].
 SIZE = (34.0, 46.0, 47.0)

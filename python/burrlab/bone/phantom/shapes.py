@@ -82,10 +82,7 @@ class Tube:
     @classmethod
     def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> "Tube":
         """Torus: `radius` is that of its circle, `thickness` that of the tube [mm]."""
-        n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-        u = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
-        u /= np.linalg.norm(u)
-        v = np.cross(n, u)
+        _, u, v = frame_along(normal)
         angle = np.linspace(0.0, 2 * np.pi, 33)[:, None]
         circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * u + np.sin(angle) * v)
         return cls(circle, np.full(len(circle), thickness))
@@ -104,6 +101,14 @@ class Tube:
                 distance = tapered(near, (a, b), (start, end))
                 part = field[k, j, i]
                 np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
+
+
+def frame_along(direction: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """The direction with length 1, and two directions of length 1 across it and each other."""
+    n = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    u = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return n, u, np.cross(n, u)
 
 
 def tapered(grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float]) -> Floats:

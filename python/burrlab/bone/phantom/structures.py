@@ -17,6 +17,7 @@ from burrlab.bone.phantom.shapes import (
     Tube,
     distance_to,
     ellipsoid,
+    frame_along,
     interpolate,
     smooth_max,
     smooth_min,
@@ -123,11 +124,6 @@ class Structures:
         )  # fmt: skip
 
     @property
-    def tubes(self) -> tuple[Tube, ...]:
-        """Structures too thin for the lattice: nerve, labyrinth, ossicles."""
-        return (self.nerve, *self.canals, *self.ossicles)
-
-    @property
     def landmarks(self) -> dict[str, Floats]:
         """Points by name [mm]."""
         y, z = self.antrum[0][1] + 2.0, self.antrum[0][2] - 5.0
@@ -155,11 +151,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
     low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
     # 2.5 turns, 9.2 mm across and 5.1 mm high; they narrow and rise towards the front and side.
-    axis = np.array([-0.55, -0.8, -0.25])
-    axis /= np.linalg.norm(axis)
-    u = np.cross(axis, [0.0, 0.0, 1.0])
-    u /= np.linalg.norm(u)
-    v = np.cross(axis, u)
+    axis, u, v = frame_along([-0.55, -0.8, -0.25])
     t = np.linspace(0.0, 1.0, 61)[:, None]
     angle = 2 * np.pi * 2.5 * t + 0.4
     radius = 3.9 * (1.0 - 0.75 * t)
@@ -171,8 +163,8 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
 
 #: Thickness of the compact bone over the air cells [mm], assumed.
 CORTEX = 2.0
-#: Thickness of bone without cells over dura and sinus, around ear canal, nerve and labyrinth [mm], assumed.
-PLATE, AROUND_CANAL, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.5, 1.0, 1.5
+#: Thickness of bone without cells over or around structures [mm], assumed.
+PLATES = {"dura": 0.8, "sigmoid sinus": 0.8, "facial nerve": 1.0, "labyrinth": 1.5, "ear canal": 1.5}
 #: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and wall to the ear canal [mm]; ours.
 MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
 #: Reach of the planned cavity out of the bone [mm]: it includes voxels that the surface cuts.
@@ -209,19 +201,18 @@ class Fields:
     @classmethod
     def of(cls, at: Structures, lattice: Grid) -> "Fields":
         outside, cranium = _outside(at, lattice), _cranium(at, lattice)
-        canal = distance_to([at.ear_canal], lattice, 4.0)
         near = {
             "sigmoid sinus": distance_to([at.sinus], lattice, 4.0),
             "facial nerve": distance_to([at.nerve], lattice, 4.0),
             "labyrinth": np.minimum(distance_to(at.canals, lattice, 4.0), ellipsoid(lattice, *at.vestibule)),
             "dura": cranium,
-            "ear canal": canal,
+            "ear canal": distance_to([at.ear_canal], lattice, 4.0),
         }
-        bone = {"sigmoid sinus": PLATE, "facial nerve": AROUND_NERVE, "labyrinth": AROUND_LABYRINTH,
-                "dura": PLATE, "ear canal": AROUND_CANAL}  # fmt: skip
+        rooms = smooth_min(ellipsoid(lattice, *at.antrum), distance_to([at.aditus], lattice, 4.0), 1.0)
+        rooms = smooth_min(rooms, ellipsoid(lattice, *at.tympanum), 1.0)
         distances = {
-            "outside": outside, "cranium": cranium, "rooms": _rooms(at, lattice, canal), "sinus": near["sigmoid sinus"],
-            "pneumatised": np.maximum(_mastoid(lattice, outside), _within(near, bone)),
+            "outside": outside, "cranium": cranium, "rooms": np.minimum(rooms, near["ear canal"]), "sinus": near["sigmoid sinus"],
+            "pneumatised": np.maximum(_mastoid(lattice, outside), _within(near, PLATES)),
             "plan": np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE)),
         }  # fmt: skip
         return cls(lattice, {name: part.astype(np.float32) for name, part in distances.items()})
@@ -250,11 +241,6 @@ def _cranium(at: Structures, grid: Grid) -> Floats:
     middle = smooth_max(np.broadcast_to(floor - z, grid.shape), squama, 4.0)
     plane = np.broadcast_to((at.fossa - x - 0.8 * y) / np.sqrt(1.64), grid.shape)
     return smooth_min(middle, smooth_max(plane, squama + 2.0, 4.0), 2.0)
-
-
-def _rooms(at: Structures, grid: Grid, canal: Floats) -> Floats:
-    rooms = smooth_min(ellipsoid(grid, *at.antrum), distance_to([at.aditus], grid, 4.0), 1.0)
-    return np.asarray(np.minimum(smooth_min(rooms, ellipsoid(grid, *at.tympanum), 1.0), canal))
 
 
 def _mastoid(grid: Grid, outside: Floats) -> Floats:

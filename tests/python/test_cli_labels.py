@@ -99,6 +99,8 @@ def test_a_block_and_slices_are_kept(run: Callable[..., str]) -> None:
     assert load_bone("block.h5")[1] == 200
     run(*HAND, "--bone", "block.h5", *down, "0,0,1", "--radius", "3", "--save", "block.h5")
     assert load_bone("block.h5")[1] == 400
+    Path("block.h5").rename("block.hdf5")
+    run(*HAND, "--bone", "block.hdf5", *down, "0,0,1", "--radius", "3")
     run(*HAND, "--labels", "v.yaml", *down, "4,4,8", "--save", "kept")
     run(*HAND, "--bone", "kept", *down, "4,4,8", "--save", "later")
     assert (load_drilled("later").tick, len(list(Path("later").glob("*.png")))) == (400, 28)

@@ -144,7 +144,8 @@ def test_progress():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"voxel": 0.0}, "voxel must be 0.02 to 1 mm, got 0.0"),
+        ({"voxel": 0.0}, "voxel must be 0.02 to 1 mm, a number or three, got 0.0"),
+        ({"voxel": (0.2, 0.2)}, "voxel must be 0.02 to 1 mm, a number or three"),
         ({"voxel": (0.2, 0.2, float("nan"))}, "voxel must be 0.02 to 1 mm"),
         ({"size": (10, 10)}, "size must be three positive numbers"),
         ({"size": (10, 10, -1)}, "size must be three positive numbers"),

@@ -34,7 +34,7 @@ from burrlab.bone.image import (
 )
 from burrlab.bone.kept import DrilledVolume, load_drilled
 from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_files, stack_of
-from burrlab.bone.snapshot import FLAT_ENDING, bone_source, load_bone, tissues_from_json, tissues_to_json
+from burrlab.bone.snapshot import bone_source, holds_bone, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import CachedParts, Entry
@@ -704,7 +704,7 @@ class DrilledRecipe(_FileRecipe):
     def _drilled(self) -> DrilledVolume:
         drilled = (
             DrilledVolume(*load_bone(self.path), None, self.path, self.path)
-            if _holds_bone(self.path)
+            if holds_bone(self.path)
             else load_drilled(self.path)
         )
         if self.digest not in (None, drilled.bone.digest()):
@@ -730,7 +730,7 @@ class DrilledRecipe(_FileRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on earlier ticks, and on assumptions in reading the volume."""
-        notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
+        notes = told_notes(bone_source(self.path)) if holds_bone(self.path) else self.like().notes
         return (
             f"{self.path} has been burred for {self.tick} ticks before",
             *(note for note in notes if assumed([note])),
@@ -738,7 +738,7 @@ class DrilledRecipe(_FileRecipe):
 
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`; ValueError for a bone without one."""
-        refuse(_holds_bone(self.path), f"{self.path} is a bone alone, without a volume: save it as .h5 again")
+        refuse(holds_bone(self.path), f"{self.path} is a bone alone, without a volume: save it as .h5 again")
         return self._volume
 
     grid = like
@@ -753,17 +753,13 @@ class DrilledRecipe(_FileRecipe):
         provenance = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
         grid: Volume | LabelVolume = (
             Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
-            if _holds_bone(self.path)
+            if holds_bone(self.path)
             else self.like()
         )
         return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
 
     def _voxel(self) -> ArrayLike:
         return self.drilled().bone.spacing
-
-
-def _holds_bone(path: str) -> bool:
-    return Path(path).suffix.lower() in (".h5", ".hdf5", FLAT_ENDING)
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,11 @@ FORMAT, FORMAT_VERSION = "burrlab bone", 3
 FLAT, FLAT_1, FLAT_ENDING = b"burrlab flat file ", b"1 ", ".burr"
 
 
+def holds_bone(path: str | os.PathLike[str]) -> bool:
+    """Whether a file of this name holds a bone alone, as `save_bone` writes it, and no volume."""
+    return Path(path).suffix.lower() in (".h5", ".hdf5", FLAT_ENDING)
+
+
 @doing("writing a bone")
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
     """Writes a bone and its tick index to an HDF5 file, or to a flat file that a C++ program reads without HDF5.

@@ -19,7 +19,7 @@ from burrlab.bone.kept import check_drilled, save_drilled
 from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
 from burrlab.bone.slices import is_stack
-from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, save_bone
+from burrlab.bone.snapshot import check_bone_file, holds_bone, save_bone
 from burrlab.bone.specimen import MOST_VOXELS
 from burrlab.bone.tissues import (
     GREY,
@@ -49,7 +49,7 @@ from burrlab.cli.recipe import (
     transposed,
     unknown_colours,
 )
-from burrlab.common.check import error_prefix, refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import write_text
 from burrlab.common.records import law_of
 from burrlab.theory.continuum import Law
@@ -126,7 +126,7 @@ def chosen_start(options: Options, burr: Burr, material: Material) -> BoneStart:
     tick = recipe.tick if isinstance(recipe, DrilledRecipe) else 0
     material = material_on(bone, material)
     source = {**recipe.plain(), "notes": list(recipe.notes())}
-    grid = None if str(options.bone or "").lower().endswith((".h5", FLAT_ENDING)) else recipe.grid()
+    grid = None if holds_bone(options.bone or "") else recipe.grid()
     return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 
 
@@ -167,12 +167,12 @@ def _kept_as(path: str | None, recipe: Recipe | DrilledRecipe | None) -> Volume 
     """The volume whose format is used to save the bone; errors as for `save_drilled`."""
     if path is None:
         return None
-    if Path(path).suffix.lower() in (".h5", FLAT_ENDING):
+    if holds_bone(path):
         check_bone_file(path)
         return None
     if recipe is None:
         raise ValueError(f"--save: a block has no volume: the file must end in .h5, got {path}")
-    with error_prefix("--save: ", (ValueError, OSError)):
+    with amend_error("--save: ", kinds=(ValueError, OSError)):
         like = recipe.like()
         check_drilled(Path(path), like, recipe.mapping)
     return like

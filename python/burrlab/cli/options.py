@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import burrlab
 from burrlab._core import Material, Shape, shape_names
-from burrlab.common.check import error_prefix, refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import Axes
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
@@ -126,7 +126,7 @@ def shape(text: str) -> Shape:
 
     table = Table(tuple(Column(name, check=not_negative, due="a number") for name in "xf"), rule=rule)
     name, _, columns = table.read(text)
-    with error_prefix(f"{name}: "):
+    with amend_error(f"{name}: "):
         return Shape.from_table(columns["x"], columns["f"])
 
 

@@ -21,7 +21,7 @@ from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
-from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, save_bone
+from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, holds_bone, save_bone
 from burrlab.cli.bone import BoneStart, chosen_start, rescued
 from burrlab.cli.commands import LIMITS
 from burrlab.cli.options import (
@@ -38,7 +38,7 @@ from burrlab.cli.options import (
     working,
 )
 from burrlab.cli.recipe import OF_LABELS, PLACE, chosen_recipe, say_notes
-from burrlab.common.check import error_prefix, refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import kept_elsewhere, new_file
 from burrlab.effects.companion import Companion
 from burrlab.foreign.volumetric_drilling import (
@@ -261,7 +261,7 @@ def _kept(options: Options, start: BoneStart, session: burrlab.Session) -> Itera
 
 def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: int) -> Device:
     place = start.place
-    with error_prefix("--device "):
+    with amend_error("--device "):
         device = parse_device(text)
     if device.kind == "hand":
         if number > 0 and place:
@@ -485,7 +485,7 @@ def _bone_to_export(options: Options) -> tuple[VoxelBone, int, str, NDArray[np.f
     if kept is None:
         say_notes(recipe)
     source = json.dumps({**recipe.plain(), "notes": list(recipe.notes())})
-    of_image = kept is not None and not options.file.lower().endswith((".h5", ".hdf5", FLAT_ENDING))
+    of_image = kept is not None and not holds_bone(options.file)
     axes = kept.grid().direction if kept and of_image else np.eye(3)
     return recipe.bone(), getattr(recipe, "tick", 0), source, axes
 

@@ -10,7 +10,7 @@ from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
 from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
-from burrlab.bone.snapshot import FLAT_ENDING
+from burrlab.bone.snapshot import holds_bone
 from burrlab.cli.commands import FPS
 from burrlab.cli.options import (
     Options,
@@ -206,9 +206,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str], dict[str, Any]
     )
     assert recipe is not None
     bone = recipe.bone()
-    if options.entry is not None and Path(options.bone or "").suffix.lower() not in (
-        ".h5", ".hdf5", FLAT_ENDING,
-    ):  # fmt: skip
+    if options.entry is not None and not holds_bone(options.bone or ""):
         grid = recipe.grid()
         options.entry = tuple(grid.bone_point(options.entry).tolist())
         if options.axis is not None:

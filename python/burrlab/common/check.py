@@ -171,17 +171,6 @@ def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
         raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
 
 
-@contextlib.contextmanager
-def error_prefix(
-    prefix: str, kinds: type[Exception] | tuple[type[Exception], ...] = ValueError
-) -> Iterator[None]:
-    """An error of these kinds becomes a ValueError whose sentence begins with the prefix."""
-    try:
-        yield
-    except kinds as error:
-        raise ValueError(f"{prefix}{error}") from None
-
-
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:
     """ValueError, or another error, with this sentence if the rule is broken.
 
@@ -192,9 +181,11 @@ def refuse(broken: object, sentence: str, error: type[BaseException] = ValueErro
 
 
 @contextlib.contextmanager
-def amend_error(before: str = "", after: str = "") -> Iterator[None]:
-    """Puts words before and after the sentence of a ValueError."""
+def amend_error(
+    before: str = "", after: str = "", kinds: tuple[type[Exception], ...] = (ValueError,)
+) -> Iterator[None]:
+    """An error of these kinds becomes a ValueError with words before and after its sentence."""
     try:
         yield
-    except ValueError as error:
+    except kinds as error:
         raise ValueError(f"{before}{error}{after}") from None

@@ -18,7 +18,7 @@ from burrlab._core import (
     VrpnDevice,
 )
 from burrlab.bone.image import OnGrid
-from burrlab.common.check import error_prefix, refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.session.haply import PORT, HaplyDevice, HeldDevice
 
 
@@ -79,7 +79,7 @@ def read_script(file: table.Path | IO[str] | IO[bytes], *, volume: OnGrid | None
     turns = [columns[one] for one in ("qw", "qx", "qy", "qz") if one in columns]
     refuse(len(turns) not in (0, 4), f"{name}: an orientation needs all of the columns qw, qx, qy, qz")
     time, turn = np.asarray(columns["time"]), np.column_stack(turns) if turns else None
-    with error_prefix(f"{name}: "):
+    with amend_error(f"{name}: "):
         device = ScriptedDevice(time, position, on, turn)
     if volume is None:
         return device
@@ -147,7 +147,7 @@ def parse_device(text: str) -> DeviceText:
         "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
         f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'",
     )
-    with error_prefix(f"{kind}: "):
+    with amend_error(f"{kind}: "):
         return _KINDS[kind](rest)
 
 

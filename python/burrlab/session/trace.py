@@ -28,7 +28,7 @@ from burrlab.bone.snapshot import (
     told_as_damage,
     write_bone,
 )
-from burrlab.common.check import error_prefix, refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import attributes, new_hdf5, put_attributes
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
@@ -105,7 +105,7 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
 
 def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str:
     """A mapping as JSON; ValueError if JSON cannot hold it."""
-    with error_prefix(f"{name} must be what JSON holds: ", (TypeError, ValueError)):
+    with amend_error(f"{name} must be what JSON holds: ", kinds=(TypeError, ValueError)):
         return json.dumps(dict(value or {}), allow_nan=False, **options)
 
 

@@ -235,8 +235,12 @@ def temporal_bone(
 def _checked_grid(
     voxel: float | Sequence[float], size: Sequence[float], corner: Sequence[float] | None, side: str
 ) -> tuple[Floats, Grid]:
-    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
-    refuse(not np.all((spacing >= 0.02) & (spacing <= 1.0)), f"voxel must be 0.02 to 1 mm, got {voxel!r}")
+    edges = real(voxel, "voxel")
+    refuse(
+        edges.shape not in ((), (3,)) or not np.all((edges >= 0.02) & (edges <= 1.0)),
+        f"voxel must be 0.02 to 1 mm, a number or three, got {voxel!r}",
+    )
+    spacing = np.broadcast_to(edges, (3,)).copy()
     lengths = real(size, "size")
     refuse(
         lengths.shape != (3,) or not np.all((lengths > 0) & np.isfinite(lengths)),

@@ -292,6 +292,15 @@ def near(**distances):
         ]),
         (lambda: near(sinus=1.0), ValueError, "structure must be one of nerve, got 'sinus'"),
         (lambda: near(nerve=-1.0), ValueError, r"stop_within of nerve must be from 0 to 15 mm, got -1\.0"),
+        *((lambda place=place: DeviceFrame(**place), ValueError, told) for place, told in [
+            ({"scale": 0.0}, "scale must be positive"),
+            ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
+            ({"rotation": (1.0009, 0, 0, 0)}, r"rotation must be a quaternion of length 1, got 1\.0009"),
+            ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
+            ({"rotation": (1, 0, 0)}, r"rotation must be 4 numbers, got \(1, 0, 0\)"),
+            ({"offset": (0, 0, math.inf)}, "offset must be finite"),
+            ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),
+        ]),
     ],
 )  # fmt: skip
 def test_refusals(make, error, told):
@@ -321,21 +330,6 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     device = ReplayDevice(path)
     run, _ = recorded(tmp_path / "b.h5", device=device, frames=DeviceFrame(1e308, offset=(0, 0, 1e308)))
     assert run.reason == "device 0 gave a position or velocity that is not finite"
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"scale": 0.0}, "scale must be positive"), ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
-        ({"rotation": (1.0009, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 1.0009"),
-        ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
-        ({"rotation": (1, 0, 0)}, "rotation must be 4 numbers, got (1, 0, 0)"), ({"offset": (0, 0, math.inf)}, "offset must be finite"),
-        ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),
-    ],
-)  # fmt: skip
-def test_a_frame_that_is_none(given, said):
-    with pytest.raises(ValueError, match=re.escape(said)):
-        DeviceFrame(**given)
 
 
 def test_a_frame_from_the_command_line(tmp_path, capsys):

@@ -1,7 +1,5 @@
 """Limits of devices, the ramp, and rules that stop a session."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -339,7 +337,9 @@ def test_a_frame_from_the_command_line(tmp_path, capsys):
     moved = result(
         capsys, *asked, "--scale", "1", "--rotation", "1,0,0,0", "--offset", "-1,0,0.5", "--clutch", "0"
     )
-    assert "frames" not in result(capsys, *asked)["provenance"]
+    plain = result(capsys, *asked, "--duration", "0.1")
+    assert "frames" not in plain["provenance"]
+    assert (plain["ticks"], plain["provenance"]["wall_clock"]) == (100, False)
     assert moved["provenance"]["frames"][0]["offset"] == [-1.0, 0.0, 0.5]
     for wrong in ("1,0,0", "1,0,0,a"):
         assert f"must be W,X,Y,Z, got '{wrong}'" in refusal(capsys, *asked, "--rotation", wrong)

@@ -46,7 +46,7 @@ CORE_TESTS = {
     "session": ["test_session.py", "test_session_faults.py"],
     "network": ["test_publisher.py", "test_replica.py"],
     "anatomy": ["test_watch.py", "test_structure_distance.py"],
-    "effects": ["test_effects.py", "test_effects_extremes.py"],
+    "effects": ["test_effects.py"],
 }
 
 # ---- what each test file runs ----

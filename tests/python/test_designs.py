@@ -3,6 +3,7 @@
 import json
 import math
 from collections import Counter
+from functools import partial
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -32,16 +33,11 @@ FALSE_ALARMS = 1e-6
 Z = 4.9  # for a two-sided false-alarm rate of 1e-6
 
 
+staircase, adaptive = (partial(kind, BONE, "c_e") for kind in (Staircase, AdaptiveStaircase))
+
+
 def constant(parameter="c_e", levels=(0.7, 1.1, 1.4), **options):
     return ConstantStimuli(BONE, parameter, levels, **options)
-
-
-def staircase(parameter="c_e", **options):
-    return Staircase(BONE, parameter, **options)
-
-
-def adaptive(parameter="c_e", **options):
-    return AdaptiveStaircase(BONE, parameter, **options)
 
 
 def kinds(trials):
@@ -254,7 +250,7 @@ SOFT = {"name": "pvc", "material": "pvc", "c_e_N_per_mm2": 0.462, "alpha_per_ms"
              "1.59 (standard deviation), 2 % too large"],
         ),
         (
-            adaptive("alpha", mode="drilling", trials=20),
+            AdaptiveStaircase(BONE, "alpha", mode="drilling", trials=20),
             {"design": "adaptive", "levels": [1.02, 2.0], "trials": 20, "held": "c_e is held at 2.145 N/mm^2"},
             ["; 20 trials\n", "of 5 such subjects", "1.49 (standard deviation), 4 % too small"],
         ),
@@ -492,17 +488,6 @@ def measure(draws, proportion, trials):
     return posterior.summary()
 
 
-def from_the_prior(draws):
-    """(threshold, slope, lapse rate) drawn from the prior, with its grids of slopes and lapse rates."""
-    lapses = np.array([0.01, 0.03, 0.05, 0.07, 0.09])
-    weights = (1 - lapses) ** 9
-    return (
-        math.exp(draws.uniform(math.log(NEAR), math.log(FAR))),
-        draws.choice(np.geomspace(0.7, 4.0, 9)),
-        draws.choice(lapses, p=weights / weights.sum()),
-    )
-
-
 def test_the_function_by_hand():
     assert proportion_correct(0.1, 0.1, [0.7, 4.0], 0.0) == pytest.approx([0.75, 0.75])
     assert [proportion_correct(d, 0.1, 1.3, 0.1) for d in (0.0, 1e6)] == pytest.approx([0.5, 0.95])
@@ -549,9 +534,16 @@ def test_no_answer_and_answers_that_bound_nothing():
 
 
 def covered(runs, trials, seed):
+    """Number of runs whose interval holds a threshold drawn from the prior, as its slope and lapse rate are."""
     draws, count = np.random.default_rng(seed), 0
+    lapses = np.array([0.01, 0.03, 0.05, 0.07, 0.09])
+    weights = (1 - lapses) ** 9
     for _ in range(runs):
-        truth = from_the_prior(draws)
+        truth = (
+            math.exp(draws.uniform(math.log(NEAR), math.log(FAR))),
+            draws.choice(np.geomspace(0.7, 4.0, 9)),
+            draws.choice(lapses, p=weights / weights.sum()),
+        )
         low, high = measure(draws, lambda x, t=truth: proportion_correct(x, *t), trials)["interval"]
         count += low <= truth[0] <= high
     return count

@@ -1,7 +1,5 @@
 """Limits of devices, the ramp, and rules that stop a session."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -292,6 +290,15 @@ def near(**distances):
         ]),
         (lambda: near(sinus=1.0), ValueError, "structure must be one of nerve, got 'sinus'"),
         (lambda: near(nerve=-1.0), ValueError, r"stop_within of nerve must be from 0 to 15 mm, got -1\.0"),
+        *((lambda place=place: DeviceFrame(**place), ValueError, told) for place, told in [
+            ({"scale": 0.0}, "scale must be positive"),
+            ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
+            ({"rotation": (1.0009, 0, 0, 0)}, r"rotation must be a quaternion of length 1, got 1\.0009"),
+            ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
+            ({"rotation": (1, 0, 0)}, r"rotation must be 4 numbers, got \(1, 0, 0\)"),
+            ({"offset": (0, 0, math.inf)}, "offset must be finite"),
+            ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),
+        ]),
     ],
 )  # fmt: skip
 def test_refusals(make, error, told):
@@ -323,21 +330,6 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     assert run.reason == "device 0 gave a position or velocity that is not finite"
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"scale": 0.0}, "scale must be positive"), ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
-        ({"rotation": (1.0009, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 1.0009"),
-        ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
-        ({"rotation": (1, 0, 0)}, "rotation must be 4 numbers, got (1, 0, 0)"), ({"offset": (0, 0, math.inf)}, "offset must be finite"),
-        ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),
-    ],
-)  # fmt: skip
-def test_a_frame_that_is_none(given, said):
-    with pytest.raises(ValueError, match=re.escape(said)):
-        DeviceFrame(**given)
-
-
 def test_a_frame_from_the_command_line(tmp_path, capsys):
     script = tmp_path / "down.csv"
     script.write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,3.5\n0.2,0,0,3\n")
@@ -345,7 +337,9 @@ def test_a_frame_from_the_command_line(tmp_path, capsys):
     moved = result(
         capsys, *asked, "--scale", "1", "--rotation", "1,0,0,0", "--offset", "-1,0,0.5", "--clutch", "0"
     )
-    assert "frames" not in result(capsys, *asked)["provenance"]
+    plain = result(capsys, *asked, "--duration", "0.1")
+    assert "frames" not in plain["provenance"]
+    assert (plain["ticks"], plain["provenance"]["wall_clock"]) == (100, False)
     assert moved["provenance"]["frames"][0]["offset"] == [-1.0, 0.0, 0.5]
     for wrong in ("1,0,0", "1,0,0,a"):
         assert f"must be W,X,Y,Z, got '{wrong}'" in refusal(capsys, *asked, "--rotation", wrong)

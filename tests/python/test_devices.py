@@ -1,7 +1,5 @@
 """Devices without hardware in a loop: the simulated hand, scripts, recordings and mailboxes."""
 
-from __future__ import annotations
-
 import functools
 import threading
 

@@ -1,8 +1,10 @@
-"""Scripts and commands of the README and the pages run, and links lead somewhere."""
+"""Examples, and scripts and commands of the README and the pages, run, and links lead somewhere."""
 
 import json
 import re
+import runpy
 import shlex
+import sys
 import textwrap
 import tomllib
 from pathlib import Path
@@ -140,3 +142,22 @@ def test_links(page: Path) -> None:
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", TEXTS[page.name])
     assert not [link for link in links if not (page.parent / link).is_file()]
     assert not re.findall("^%.*", TEXTS[page.name], re.MULTILINE)  # a comment to the site
+
+
+_RUN_ELSEWHERE = {"experiment_driver.py", "demo.py"}  # by test_experiment_live.py and by `make demo`
+_ARGUMENTS = {
+    "grid_independence.py": ["grid.png", "--fast"],
+    "session_leader.py": ["trace.h5", "--seconds", "2", "--port", "0"],
+    "session_driver.py": ["--seconds", "2"],
+}
+
+
+@pytest.mark.parametrize(
+    "script", sorted({p.name for p in (ROOT / "examples").glob("*.py")} - _RUN_ELSEWHERE)
+)
+def test_examples_run(script, here, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [script, *_ARGUMENTS.get(script, [])])
+    runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+    figures = list(here.rglob("*.png"))
+    assert figures or script.startswith("session_")
+    assert all(figure.stat().st_size > 10_000 for figure in figures)

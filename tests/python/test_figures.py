@@ -90,13 +90,10 @@ def drawn(name, **options):
     return made if isinstance(made, list) else [made]
 
 
-def legends(axes):
-    return [one.get_legend() for one in axes if one.get_legend()] + axes[0].figure.legends
-
-
 def words(axes):
     """The words of the legends, in the order of reading."""
-    texts = [text for one in legends(axes) for text in one.get_texts()]
+    legends = [one.get_legend() for one in axes if one.get_legend()] + axes[0].figure.legends
+    texts = [text for legend in legends for text in legend.get_texts()]
     places = {text: text.get_window_extent() for text in texts}
     return [
         text.get_text()

@@ -21,6 +21,7 @@ from burrlab import (
     VoxelEngine,
     compare,
     fit,
+    force_sweep,
     materials,
     penetration_velocity,
     synthetic_trace,
@@ -212,13 +213,6 @@ def test_what_is_refused(call, error, match):
 
 
 class TestResult:
-    def test_files_keep_it(self, tmp_path):
-        result = fit(replace(curve_of([0.5, 1.0, 2.0, 5.0]), sigma=np.full(8, 0.1)), BURR)
-        result.to_json(tmp_path / "fit.json")
-        again = Fit.from_json(tmp_path / "fit.json")
-        assert again.to_dict() == result.to_dict()
-        assert (again.curve, again.starts, again.ridge) == (result.curve, result.starts, result.ridge)
-
     def test_material(self):
         material = fit(CURVE, BURR).material("my bone")
         assert (material.name, material.shape.name) == ("my bone", "parabolic")
@@ -232,11 +226,21 @@ class TestResult:
 
 
 @pytest.mark.parametrize("name", ["specimen_a", "specimen_b"])
-def test_specimens(name, shared_data):
-    result = fit(VelocityCurve.from_csv(shared_data / "measurements" / f"{name}.csv"), BURR)
+def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, name):
+    """The mean of three repeats with 8 % scatter has an error of 4.6 %; the fit's own adds to it."""
+    curve = VelocityCurve.from_csv(shared_data / "measurements" / f"{name}.csv")
+    result = fit(curve, BURR)
     assert (result.status, result.n_points) == ("ok", 30)
     # the scatter is stated as 8 %; with 28 degrees of freedom its RMS varies by 13 %
     assert 0.05 < result.residual_norm < 0.11
+    forces = np.unique(curve.force)[2::3]
+    descents = force_sweep(BURR, result.material("fitted"), forces, voxel=0.1, seed=1)
+    assert set(descents.status) == {"ok"}
+    means = np.array([np.exp(np.mean(np.log(curve.velocity[curve.force == f]))) for f in forces])
+    # Five standard errors of a mean: one false alarm in a million.
+    np.testing.assert_allclose(np.log(descents.velocity / means), 0.0, atol=5 * 0.08 / np.sqrt(3))
+    # On average they lie on the line.
+    assert abs(np.mean(np.log(descents.velocity / result.velocity(forces)))) < 0.03
 
 
 # ---- intervals and regions ----
@@ -315,7 +319,7 @@ class TestWhatItSays:
         ("names", "options"),
         [
             (["ridge"], {}), (["wide", "pressed", "trace"], {}), (["wide, sigma", "pressed"], {"residuals": "sigma"}),
-            (["wide"], {"residuals": "absolute", "law": "quartic"}), (["wide"], {"bounds": {"c_e": (1.7, 2.2), "alpha": (0.05, 0.2)}}),
+            (["overloaded"], {}), (["wide"], {"residuals": "absolute", "law": "quartic"}), (["wide"], {"bounds": {"c_e": (1.7, 2.2), "alpha": (0.05, 0.2)}}),
         ],
     )  # fmt: skip
     def test_comes_back_from_json(self, names, options):
@@ -388,7 +392,6 @@ def test_plot_of_a_profile(name, direction, names):
 
 def test_plot_of_the_velocities():
     ax = fitted("wide").plot(alpha_lines=0.01)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [N]", "penetration velocity [mm/s]")
     shown = legend(ax)
     assert (shown[0], *shown[2:]) == ("synthetic data", "$\\alpha$ ± 0.01 /ms", "95 % band")
     assert len(ax.lines) == 4

@@ -139,11 +139,18 @@ def test_poses_without_an_end_are_no_hello():
         assert replica.status["last_faults"][0][2] == "no hello came"
 
 
-def test_a_bone_that_cannot_be_made_equal_ends_it():
-    with following(hello(), say("bricks", struct.pack(">Q32sII", 0, b"f" * 32, 0, 0))) as replica:
+@pytest.mark.parametrize(
+    ("message", "state", "reason"),
+    [
+        (say("bricks", struct.pack(">Q32sII", 0, b"f" * 32, 0, 0)), "failed", "the bone cannot be made equal to the leader's"),
+        # text that is no UTF-8: the reason and the other status are still told
+        (say("end", struct.pack(">Q32sI", 0, DIGEST, 1) + b"bad \xff end"), "ended", "bad \ufffd end"),
+    ],
+)  # fmt: skip
+def test_what_ends_it(message, state, reason):
+    with following(hello(), message) as replica:
         assert replica.wait(10)
-    assert replica.status["failed"]
-    assert replica.status["reason"] == "the bone cannot be made equal to the leader's"
+        assert (replica.status[state], replica.status["reason"]) == (True, reason)
 
 
 def test_silence_is_noticed():
@@ -151,13 +158,6 @@ def test_silence_is_noticed():
         assert soon(lambda: replica.status["tick"] == 1)
         assert soon(lambda: replica.status["faults"] >= 1, 5)
         assert replica.status["last_faults"][0][2] == "the connection ended, or nothing came for 1 s"
-
-
-def test_text_that_is_no_utf8():
-    """In the reason of the end: the reason and the other status are still told."""
-    with following(hello(), say("end", struct.pack(">Q32sI", 0, DIGEST, 1) + b"bad \xff end")) as replica:
-        assert soon(lambda: replica.status["ended"])
-        assert replica.status["reason"] == "bad \ufffd end"
 
 
 HELLO = {

@@ -153,20 +153,18 @@ class TestFall:
         assert np.mean(found) > 0.25
 
 
-class TestGivenValues:
-    def test_sentences(self):
-        inside, outside, excluded = (fitted("wide").test(c_e, 0.087) for c_e in (2.145, 4.0, 1.0))
-        assert "lies inside the joint 95 % region" in str(inside)
-        assert "lies outside the joint 95 % region" in str(outside)
-        assert (inside.freedom, excluded.p_value) == ((2.0, 10.0), 0)
-        assert "is excluded: at 2.6 N there would have been no window" in str(excluded)
-        assert fitted("wide, sigma", residuals="sigma").test(2.145, 0.087).freedom == (2.0,)
-        assert "the overloaded run would have had a window" in str(fitted("overloaded").test(2.4, 0.087))
+def test_sentences_of_given_values():
+    inside, outside, excluded = (fitted("wide").test(c_e, 0.087) for c_e in (2.145, 4.0, 1.0))
+    assert "lies inside the joint 95 % region" in str(inside)
+    assert "lies outside the joint 95 % region" in str(outside)
+    assert (inside.freedom, excluded.p_value) == ((2.0, 10.0), 0)
+    assert "is excluded: at 2.6 N there would have been no window" in str(excluded)
+    assert fitted("wide, sigma", residuals="sigma").test(2.145, 0.087).freedom == (2.0,)
+    assert "the overloaded run would have had a window" in str(fitted("overloaded").test(2.4, 0.087))
 
 
-class TestOneMaterial:
-    def test_windows_that_contradict(self):
-        other = fit(VelocityCurve([1.0, 2.0, 5.0], [0.1, 0.5, 3.0], radius=3.0))
-        test = compare(fitted("overloaded"), other).pairs[0].joint
-        assert test.p_value == 0
-        assert "contradict one another" in str(test)
+def test_windows_that_contradict_one_material():
+    other = fit(VelocityCurve([1.0, 2.0, 5.0], [0.1, 0.5, 3.0], radius=3.0))
+    test = compare(fitted("overloaded"), other).pairs[0].joint
+    assert test.p_value == 0
+    assert "contradict one another" in str(test)

@@ -3,7 +3,6 @@
 import json
 import tracemalloc
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from fit_scenes import BONE, BURR, curve_of, with_sigma
@@ -13,7 +12,6 @@ from burrlab import Indentation, Law, MasterCurve, VelocityCurve, compare_laws, 
 from burrlab.comparing.laws import LAWS, NODES, LawLikelihood, _tests, _weights, exponents, member
 from burrlab.fitting.observations import Observations
 
-mpl.use("Agg")
 DEPTHS = [0.05, 0.1, 0.2, 0.4]
 TRUE = {name: LAWS[name] for name in ("paper", "preston-bone", "kobra", "quartic")}
 

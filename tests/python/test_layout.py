@@ -2,11 +2,13 @@
 
 import io
 import json
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from command_line import call, refusal
+from session_scenes import refused
 
 from burrlab import DepthTrace, Indentation, VelocityCurve, fit
 from burrlab.cli.descent import read_data
@@ -211,13 +213,12 @@ def test_other_kinds_and_what_only_python_can_ask(tmp_path: Any, capsys: Any) ->
     )  # fmt: skip
     assert trace == DepthTrace(np.arange(11) / 10, 0.5 + np.arange(11) / 20, 1, 3, source="CSV text",
                                provenance={"read": trace.provenance["read"]})  # fmt: skip
-    for arguments, told in (
-        ({"columns": {"kraft": "x"}}, "columns must be of force, velocity, .*: got 'kraft'"),
-        ({"decimal": ";"}, "decimal must be a point or a comma: got ';'"),
-        ({"encoding": "latin-1"}, "encoding must be left out for a file that is open as text"),
-    ):
-        with pytest.raises(ValueError, match=told):
-            VelocityCurve.from_csv(io.StringIO(press), **arguments)
+    read = partial(VelocityCurve.from_csv, io.StringIO(press))
+    refused(
+        (lambda: read(columns={"kraft": "x"}), "columns must be of force, velocity, .*: got 'kraft'"),
+        (lambda: read(decimal=";"), "decimal must be a point or a comma: got ';'"),
+        (lambda: read(encoding="latin-1"), "encoding must be left out for a file that is open as text"),
+    )
     # one command reads files of several kinds; names that a kind does not have are for the others
     (tmp_path / "v.csv").write_text("Kraft [mN];v\n500;0.0785\n1000;0.498\n2000;2.75\n")
     (tmp_path / "p.csv").write_text(press)
@@ -247,13 +248,12 @@ def test_from_dataframe() -> None:
     beside = {"velocity": ["v", "w"], "sigma": ["s", "s2"], "unit": "um/s"}
     wide = VelocityCurve.from_dataframe(columns | {"w": [60, 70, 400], "s2": [3, 3, 3]}, **options | beside)
     assert [*wide.force, *wide.velocity] == [1, 1, 2, 3, 3, 0.0785, 0.06, 0.07, 0.498, 0.4]
-    for changed, told in (
-        ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
-        ({"velocity": ["v", "s"], "sigma": "by"}, "columns of sigma must be 2 or none: got by"),
-        ({"sigma": "by"}, "Frame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is"),
-        ({"unit": "mN"}, "column F .N. tells N, but would be read in mN"),
-    ):
-        with pytest.raises(ValueError, match=told):
-            VelocityCurve.from_dataframe(frame, **options | changed)
-    with pytest.raises(ValueError, match="columns must have one level of names, got a MultiIndex of 2"):
-        VelocityCurve.from_dataframe(pandas.concat({"lab": frame}, axis=1))
+    read = partial(VelocityCurve.from_dataframe, frame, **options)
+    refused(
+        (lambda: read(velocity="w"), "DataFrame: no column is w; there are F .N., v, s, by$"),
+        (lambda: read(velocity=["v", "s"], sigma="by"), "columns of sigma must be 2 or none: got by"),
+        (lambda: read(sigma="by"), "Frame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is"),
+        (lambda: read(unit="mN"), "column F .N. tells N, but would be read in mN"),
+        (lambda: VelocityCurve.from_dataframe(pandas.concat({"lab": frame}, axis=1)),
+         "columns must have one level of names, got a MultiIndex of 2"),
+    )  # fmt: skip

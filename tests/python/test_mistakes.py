@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import json
 import logging
 import os
 import re
@@ -285,12 +284,6 @@ def test_a_command_says_what_looks_swapped(capsys: pytest.CaptureFixture[str]) -
     assert capsys.readouterr().err.startswith(
         "burrlab: c_e = 0.087 N/mm^2 and alpha = 2.145 1/ms look swapped:"
     )
-
-
-def test_a_session_has_a_virtual_clock(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["session", "--device", "hand", "--duration", "0.5", "--virtual-clock", "--json", "-"])
-    told = json.loads(capsys.readouterr().out)
-    assert (told["ticks"], told["provenance"]["wall_clock"]) == (500, False)
 
 
 def test_levels_are_numbers_too() -> None:

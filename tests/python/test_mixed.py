@@ -2,15 +2,17 @@
 
 import io
 import json
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import said
 from scipy import special, stats
+from session_scenes import refused
 
 import burrlab
 from burrlab import Indentation, VelocityCurve
-from burrlab.cli import main
 from burrlab.comparing.paired import ERROR
 from burrlab.fitting.calibration import _freedom_of_sum
 from burrlab.fitting.likelihood import MeanFieldModel
@@ -322,7 +324,7 @@ class TestOffsets:
         assert (fit.c_e, fit.alpha) == pytest.approx((2.0, 0.1), rel=0.01)
         assert fit.effects[0].values[0] == pytest.approx(np.log(1.5), abs=2e-3)
 
-    def test_two_drills_in_one_bone(self, tmp_path):
+    def test_two_drills_in_one_bone(self):
         """One c_e and an alpha each, also with burrs of different radius."""
         faster = burrlab.Material("faster", c_e=BONE.c_e, alpha=2.5 * BONE.alpha)
         curves = [burrlab.synthetic_curve(burrlab.Burr(R), m, F, repeats=2, scatter=0.05, seed=k)
@@ -337,26 +339,23 @@ class TestOffsets:
         assert fit.n_parameters == 4
         apart = [burrlab.fit(curve) for curve in curves]
         assert fit.intervals["c_e"]["95"].ratio() < min(x.intervals["c_e"]["95"].ratio() for x in apart)
-        fit.to_json(tmp_path / "fit.json")
-        again = burrlab.Fit.from_json(tmp_path / "fit.json")
-        assert again.likelihood.objective(2.0, 0.08) == pytest.approx(
-            fit.likelihood.objective(2.0, 0.08), rel=1e-12
-        )
+        again = burrlab.Fit.from_dict(fit.to_dict()).likelihood
+        assert again.objective(2.0, 0.08) == pytest.approx(fit.likelihood.objective(2.0, 0.08), rel=1e-12)
         assert burrlab.fit(curves).status == "poor-fit"
-        with pytest.raises(ValueError, match="compare needs fits of one c_e and alpha each"):
-            burrlab.compare(fit, apart[0])
         pressed = burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.15, 0.2], seed=3)  # has no alpha
         with_it = burrlab.fit([pressed, *curves], share=("c_e",))
         assert (with_it.effects[0].levels, with_it.status) == (("3",), "ok")
         assert with_it.alpha == pytest.approx(fit.alpha, rel=0.1)
         over = burrlab.VelocityCurve([9.0], [np.nan], radius=3.0, status=["overloaded"])
-        for data, share, message in ((curves, (), "for none fit the sets apart"), ([curves[0], pressed], ("c_e",), "is for two data sets or more that tell alpha: got 1"),
-                                     ([*curves, over], ("alpha",), "overloaded runs bound one c_e")):  # fmt: skip
-            with pytest.raises(ValueError, match=message):
-                burrlab.fit(data, share=share)
+        refused(
+            (lambda: burrlab.compare(fit, apart[0]), "compare needs fits of one c_e and alpha each"),
+            (lambda: burrlab.fit(curves, share=()), "for none fit the sets apart"),
+            (lambda: burrlab.fit([curves[0], pressed], share=("c_e",)), "is for two data sets or more that tell alpha: got 1"),
+            (lambda: burrlab.fit([*curves, over], share=("alpha",)), "overloaded runs bound one c_e"),
+        )  # fmt: skip
 
     @pytest.mark.parametrize("ratio", [0.4, 1.7])
-    def test_one_drill_in_two_bones(self, ratio, tmp_path):
+    def test_one_drill_in_two_bones(self, ratio):
         """One alpha and a c_e each, whose forces leave no window in the other's bone."""
         softer = burrlab.Material("other", c_e=ratio * BONE.c_e, alpha=BONE.alpha)
         curves = [burrlab.synthetic_curve(burrlab.Burr(R), m, scale * FORCES, scatter=0.05, seed=k)
@@ -376,11 +375,8 @@ class TestOffsets:
         other = burrlab.fit(scaled, share=("alpha",))
         assert other.effects[0].values[0] == pytest.approx(own.values[0] + 0.3, abs=1e-3)
         assert other.alpha == pytest.approx(fit.alpha, rel=1e-3)
-        fit.to_json(tmp_path / "fit.json")
-        again = burrlab.Fit.from_json(tmp_path / "fit.json")
-        assert again.likelihood.objective(2.0, 0.08) == pytest.approx(
-            fit.likelihood.objective(2.0, 0.08), rel=1e-12
-        )
+        again = burrlab.Fit.from_dict(fit.to_dict()).likelihood
+        assert again.objective(2.0, 0.08) == pytest.approx(fit.likelihood.objective(2.0, 0.08), rel=1e-12)
         assert len(fit.bootstrap(5, seed=1).c_e) == 5
         fit.report()
         fit.plot()
@@ -431,8 +427,7 @@ class TestOffsets:
         ends = VelocityCurve(FORCES, v, radius=3.0, window_start=np.full(8, 0.5), window_end=np.full(8, 3.0))
         assert "A surface misjudged by 0.05 mm moves" in burrlab.fit(ends).report()
         assert [x.quantity for x in burrlab.fit(ends, estimate=("surface",)).effects] == ["surface"]
-        with pytest.raises(ValueError, match="uncertain of surface must be below 0 mm"):
-            burrlab.fit(ends, uncertain={"surface": 0.01})
+        refused((lambda: burrlab.fit(ends, uncertain={"surface": 0.01}), "of surface must be below 0 mm"))
 
     def test_of_traces_indentations_and_overloaded_runs(self):
         traces = [burrlab.synthetic_trace(BURR, BONE, F, seed=k) for k, F in enumerate((0.4, 0.8, 1.6))]
@@ -486,20 +481,15 @@ class TestWhatIsSaid:
             "The interval of alpha rests on 13 degrees of freedom, that of alpha/c_e^2.57 on 3."
         )
 
-    def test_intervals_widen_and_labels_can_be_left_out(self, tmp_path):
+    def test_intervals_widen_and_labels_can_be_left_out(self):
         curve = laboratory(1, 4)
         fit, without = burrlab.fit(curve), burrlab.fit(curve, groups=())
         assert fit.identified.interval.ratio() > 2 * without.identified.interval.ratio() - 1
         unlabelled = burrlab.fit(VelocityCurve(curve.force, curve.velocity, radius=3.0))
         assert (without.intervals, without.identified) == (unlabelled.intervals, unlabelled.identified)
         assert without.evidence.mixed is None
-        fit.to_json(tmp_path / "fit.json")
-        again = burrlab.Fit.from_json(tmp_path / "fit.json")
-        assert (again.verdict, again.intervals) == (fit.verdict, fit.intervals)
-        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
-        assert again.influence()[0].c_e == pytest.approx(fit.influence()[0].c_e)
 
-    def test_given_sigma_is_that_of_log_velocity(self, tmp_path):
+    def test_given_sigma_is_that_of_log_velocity(self):
         """Equal relative sigmas give the weights of the relative fit, unequal ones theirs; too small ones show."""
         curve = laboratory(1, 4)
 
@@ -519,9 +509,7 @@ class TestWhatIsSaid:
         )
         assert with_sigma(weights).c_e == pytest.approx(burrlab.fit(first).c_e, rel=0.01)
         assert with_sigma(0.01).evidence.calibration.inflation > 5
-        fit.to_json(tmp_path / "fit.json")
-        again = burrlab.Fit.from_json(tmp_path / "fit.json")
-        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
+        assert burrlab.Fit.from_dict(fit.to_dict()).test(2.0, 0.08) == fit.test(2.0, 0.08)
         assert burrlab.compare(fit, fit).pairs[0].pairing == "day"
 
     def test_velocities_of_a_new_run_and_day(self):
@@ -542,8 +530,7 @@ class TestWhatIsSaid:
             2 * 1.01 * plain.evidence.scatters[0].value / 48**0.5, rel=0.2
         )
         assert np.isnan(low[1])
-        with pytest.raises(ValueError, match="new must be one of run, day: got 'bone'"):
-            fit.velocity_interval(1.0, new="bone")
+        refused((lambda: fit.velocity_interval(1.0, new="bone"), "new must be one of run, day: got 'bone'"))
 
     def test_a_new_day_limits_what_more_runs_tell(self):
         """The runs of one new day narrow the region less than those of a fit without days, and 100 hardly more than 20."""
@@ -601,11 +588,11 @@ class TestWhatIsSaid:
         assert "B over A & velocity at 0.812 N & 1 &" in compared.to_latex()
         small = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.4, 0.5, 0.6], seed=1)
         assert "& open" in burrlab.fit(small).to_latex()
-        for call, match in ((lambda: fit.levels("day"), r"group must be one with effects, \['specimen'\]: got 'day'"),
-                            (lambda: fit.plot_residuals(over="v"), "over must be 'force' or 'order'"),
-                            (burrlab.fit(small).plot_effects, "effects of groups need a fit with groups")):  # fmt: skip
-            with pytest.raises(ValueError, match=match):
-                call()
+        refused(
+            (lambda: fit.levels("day"), r"group must be one with effects, \['specimen'\]: got 'day'"),
+            (lambda: fit.plot_residuals(over="v"), "over must be 'force' or 'order'"),
+            (burrlab.fit(small).plot_effects, "effects of groups need a fit with groups"),
+        )
 
     def test_one_day_a_set_allows_no_decision(self):
         first, second = (laboratory(seed, 1, between=0.0) for seed in (1, 2))
@@ -695,20 +682,12 @@ class TestPairs:
         widths = [x.velocity.at_middle.interval.ratio() for x in (shared, apart)]
         assert np.log(widths[0]) < np.log(widths[1])
         other = burrlab.fit(fits[1].curve, uncertain={"force": 0.01})
-        for second, names, message in (
-            (
-                fits[1],
-                ("surface",),
-                "shared offsets must be uncertain in each fit, with one value: got 'surface'",
-            ),
-            (
-                other,
-                ("force",),
-                "a shared force is one, so all fits must have it with one standard deviation",
-            ),
-        ):
-            with pytest.raises(ValueError, match=message):
-                burrlab.compare(fits[0], second, shared=names)
+        refused(
+            (lambda: burrlab.compare(*fits, shared=("surface",)),
+             "shared offsets must be uncertain in each fit, with one value: got 'surface'"),
+            (lambda: burrlab.compare(fits[0], other, shared=("force",)),
+             "a shared force is one, so all fits must have it with one standard deviation"),
+        )  # fmt: skip
 
     @pytest.mark.slow
     @pytest.mark.parametrize(
@@ -774,24 +753,16 @@ def test_what_is_refused(call, error, text):
 
 
 class TestFiles:
-    def test_labels_come_back(self):
-        labelled, file = (
-            curve(groups={"day": [1.0, 1, 2]}, specimen=["A, left", "A, left", "B"]),
-            io.StringIO(),
-        )
-        labelled.to_csv(file)
-        file.seek(0)
-        assert VelocityCurve.from_csv(file) == labelled
+    def test_labels_come_back(self, tmp_path):
+        labelled = curve(groups={"day": [1.0, 1, 2]}, specimen=["A, left", "A, left", "B"])
+        labelled.to_csv(tmp_path / "curve.csv")
+        assert VelocityCurve.from_csv(tmp_path / "curve.csv") == labelled
         trace = burrlab.synthetic_trace(BURR, BONE, 1.0, seed=1)
-        trace = burrlab.DepthTrace(
-            trace.time, trace.immersion, 1.0, 3.0, groups={"day": "3 May"}, specimen="Ä"
-        )
-        file = io.StringIO()
-        trace.to_csv(file)
-        file.seek(0)
-        assert burrlab.DepthTrace.from_csv(file) == trace
-        with pytest.raises(ValueError, match="groups in the comments must be JSON"):
-            burrlab.DepthTrace.from_csv(io.StringIO(file.getvalue().replace("{", "")))
+        trace = replace(trace, groups={"day": "3 May"}, specimen="Ä")
+        trace.to_csv(tmp_path / "trace.csv")
+        assert burrlab.DepthTrace.from_csv(tmp_path / "trace.csv") == trace
+        damaged = io.StringIO((tmp_path / "trace.csv").read_text("utf-8").replace("{", ""))
+        refused((lambda: burrlab.DepthTrace.from_csv(damaged), "groups in the comments must be JSON"))
 
     def test_of_a_laboratory(self, tmp_path, capsys):
         text = "Kraft;v;Messtag;Probe\n1;0,1;Mo;a\n2;0,4;Di;b\n3;0,9;Di;\n"
@@ -801,46 +772,42 @@ class TestFiles:
         )
         assert read.groups == {"day": ("Mo", "Di", "Di")}
         assert read.others == {"Probe": ("a", "b", "")}
-        for specimen, message in (
-            ("Probe", "row 3, specimen: every row needs a label"),
-            ("Bone", "no column is Bone; there are Messtag, Pr"),
-        ):
-            with pytest.raises(ValueError, match=message):
-                VelocityCurve.from_csv(io.StringIO(text), columns=columns, decimal=",", specimen=specimen)
+
+        def with_specimen(heading):
+            VelocityCurve.from_csv(io.StringIO(text), columns=columns, decimal=",", specimen=heading)
+
+        refused(
+            (lambda: with_specimen("Probe"), "row 3, specimen: every row needs a label"),
+            (lambda: with_specimen("Bone"), "no column is Bone; there are Messtag, Pr"),
+        )
         frame = {"F": [1.0, 2.0], "v": [0.1, 0.4], "who": ["AB", "CD"]}
         assert VelocityCurve.from_dataframe(
             frame, force="F", velocity="v", groups={"operator": "who"}
         ).groups == {"operator": ("AB", "CD")}
 
         laboratory(1, 4).to_csv(tmp_path / "lab.csv")
-        command = ["fit", str(tmp_path / "lab.csv"), "--json", str(tmp_path / "fit.json")]
-        offsets = [
-            "--uncertain",
-            "surface=0.05,force=0.02:day",
-            "--estimate",
-            "order",
-            "--known",
-            "c_e=2.1:0.1",
-        ]
-        assert main(command + offsets) == 0
-        out = capsys.readouterr().out
-        assert "That the surface may be off by 0.05 mm" in out
-        assert "From the first run to the last ln v changes by" in out
+        command = ["fit", tmp_path / "lab.csv", "--json", tmp_path / "fit.json"]
+        offsets = "--uncertain surface=0.05,force=0.02:day --estimate order --known c_e=2.1:0.1"
+        report = said(capsys, *command, *offsets.split())
+        assert "That the surface may be off by 0.05 mm" in report
+        assert "From the first run to the last ln v changes by" in report
         laboratory(2, 4).to_csv(tmp_path / "other.csv")
-        pair = [
-            "compare",
-            str(tmp_path / "lab.csv"),
-            str(tmp_path / "other.csv"),
-            "--uncertain",
-            "force=0.02",
-        ]
-        assert main([*pair, "--shared", "force"]) == 0
-        assert "paired by day" in capsys.readouterr().out
-        for options, said in ([], "Between the 4 days"), (["--groups", "none"], ""):
-            assert main(command + options) == 0
-            assert said in capsys.readouterr().out
+        pair = ["compare", tmp_path / "lab.csv", tmp_path / "other.csv", "--uncertain", "force=0.02"]
+        assert "paired by day" in said(capsys, *pair, "--shared", "force")
+        for options, sentence in ([], "Between the 4 days"), (["--groups", "none"], ""):
+            assert sentence in said(capsys, *command, *options)
             groups = json.loads((tmp_path / "fit.json").read_text())["evidence"]["mixed"]
-            assert bool(groups) == bool(said)
+            assert bool(groups) == bool(sentence)
+
+
+def intervals_with_the_truth(fit):
+    """Whether each 95 % interval, and the region, of a fit holds the bone's c_e and alpha."""
+    return {
+        "c_e": BONE.c_e in fit.intervals["c_e"]["95"],
+        "alpha": BONE.alpha in fit.intervals["alpha"]["95"],
+        "combination": BONE.alpha / BONE.c_e**fit.identified.exponent in fit.identified.interval,
+        "region": fit.test(BONE.c_e, BONE.alpha).p_value > 0.05,
+    }
 
 
 @pytest.mark.slow
@@ -854,17 +821,13 @@ class TestFiles:
     ],
 )  # fmt: skip
 def test_intervals_hold_the_truth(design, n, between, of_c_e):
-    sets, held = 2000, dict.fromkeys(("c_e", "alpha", "combination", "region", "deviation"), 0)
+    sets, held = 2000, Counter()
     for seed in range(sets):
         group = "specimen" if of_c_e else "day"
         fit = burrlab.fit(
             laboratory(seed, n, design=design, between=between, of_c_e=of_c_e, group=group), plausible=None
         )
-        held["c_e"] += BONE.c_e in fit.intervals["c_e"]["95"]
-        held["alpha"] += BONE.alpha in fit.intervals["alpha"]["95"]
-        held["combination"] += BONE.alpha / BONE.c_e**fit.identified.exponent in fit.identified.interval
-        held["region"] += fit.test(BONE.c_e, BONE.alpha).p_value > 0.05
-        held["deviation"] += between in fit.effects[-1].interval
+        held.update(intervals_with_the_truth(fit), deviation=between in fit.effects[-1].interval)
     print(design, n, between, {name: f"{100 * k / sets:.1f} %" for name, k in held.items()})
     assert min(held.values()) >= 0.93 * sets, held
 
@@ -898,15 +861,12 @@ def test_intervals_hold_the_truth_with_offsets(drawn, how):
     sets, held = 500 if "between" in drawn else 2000, {}
     uncertain = {} if how else {name: size for name, size in drawn.items() if name != "between"}
     for told in (True, False):
-        hits = dict.fromkeys(("c_e", "alpha", "combination", "region"), 0)
+        hits = Counter()
         for seed in range(sets if told else 100):
             groups = None if "between" in drawn else ()
             options = {"uncertain": uncertain, **how} if told else {}
             fit = burrlab.fit(off(seed, **drawn)[0], plausible=None, groups=groups, **options)
-            hits["c_e"] += BONE.c_e in fit.intervals["c_e"]["95"]
-            hits["alpha"] += BONE.alpha in fit.intervals["alpha"]["95"]
-            hits["combination"] += BONE.alpha / BONE.c_e**fit.identified.exponent in fit.identified.interval
-            hits["region"] += fit.test(BONE.c_e, BONE.alpha).p_value > 0.05
+            hits.update(intervals_with_the_truth(fit))
         held[told] = {name: round(100 * k / (seed + 1), 1) for name, k in hits.items()}
     print(drawn, how, "told", held[True], "not told", held[False])
     error = 100 * np.sqrt(0.05 * 0.95 / sets)

@@ -1,11 +1,17 @@
-"""The procedural temporal bone: one ear per seed, at any resolution, with structures in their places."""
+"""The procedural temporal bone: one ear per seed, at any resolution, with structures in their places.
+
+The scripted mastoidectomy carves the planned cavity and little else.
+"""
+
+import itertools
 
 import numpy as np
 import pytest
 from scipy import ndimage
+from session_scenes import ended, session_of
 
-from burrlab import read_labels, surface_along, write_volume
-from burrlab.anatomy import AirCells, compare_with_target
+from burrlab import Burr, BurrContact, materials, read_labels, surface_along, write_volume
+from burrlab.anatomy import AirCells, compare_with_target, mastoidectomy_path
 from burrlab.bone.phantom.phantom import Phantom, _cells, phantom_tissues, temporal_bone
 from burrlab.bone.phantom.structures import MARGINS, Structures
 
@@ -160,3 +166,79 @@ def test_bad_arguments_are_refused(changed, message):
     arguments = {"voxel": 0.5, "seed": 1, **changed}
     with pytest.raises(ValueError, match=message):
         temporal_bone(arguments.pop("voxel"), **arguments)
+
+
+# ---- the mastoidectomy ----
+
+BURR = Burr(3.0)
+
+
+@pytest.fixture(scope="module", params=["right", "left"])
+def ear(request) -> Phantom:
+    return temporal_bone(0.5, seed=3, side=request.param)
+
+
+def sampled(path, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres, and whether the burr turns, every dt [ms]."""
+    at = np.arange(0.0, path.duration, dt / 1000.0)
+    center = np.column_stack([np.interp(at, path.time, places) for places in path.center.T])
+    return center, path.on[np.searchsorted(path.time, at, side="right") - 1]
+
+
+def test_it_carves_the_plan(ear):
+    contact = BurrContact(ear.bone, BURR, materials["bone"], seed=1)
+    center, on = sampled(mastoidectomy_path(ear, BURR, layer=1.0, step=1.5, speed=30), 2.0)
+    turns = np.flatnonzero(np.diff(on.astype(int))) + 1
+    for a, b in itertools.pairwise([0, *turns, len(on)]):
+        contact.run(center[a:b], 2.0, bool(on[a]))
+    cut = compare_with_target(contact.bone, ear.target)
+    assert cut.percent > 75
+    assert cut.excess.sum() < 0.03 * cut.planned
+    injured = dict(zip(cut.tissues, cut.overlap + cut.excess, strict=True))
+    for name in ("facial nerve", "sigmoid sinus", "dura", "labyrinth"):
+        assert injured.get(name, 0.0) == 0
+
+
+def test_the_turning_burr_stays_in_the_plan_or_in_the_open(ear):
+    """The distance from each centre to bone outside the plan comes from an independent transform."""
+    forbidden = (ear.bone.pristine > 0) & ~ear.target
+    pad = 16
+    away = ndimage.distance_transform_edt(~np.pad(forbidden, pad), sampling=ear.bone.spacing[::-1])
+    center, on = sampled(mastoidectomy_path(ear, BURR, layer=1.0, step=1.5), 20.0)
+    at = np.rint((center[on] - ear.bone.origin) / ear.bone.spacing).astype(int)[:, ::-1] + pad
+    assert away[tuple(at.T)].min() > BURR.radius - 0.9  # the diagonal of a voxel
+    assert on.mean() > 0.5
+
+
+def test_a_session_takes_it(ear):
+    path = mastoidectomy_path(ear, BURR, layer=1.5, step=2.0, speed=60, depth=4.0)
+    tool, options = (BURR, materials["bone"]), {"seed": 1, "wall_clock": False, "coupling": 5.0}
+    session = ended(session_of(ear.bone, tool, path.device(), **options))
+    assert compare_with_target(session.snapshot()[0], ear.target).overlap.sum() > 100
+
+
+def test_depth_and_layers(ear):
+    shallow = mastoidectomy_path(ear, BURR, layer=1.0, depth=5.0)
+    whole = mastoidectomy_path(ear, BURR, layer=1.0)
+    assert shallow.layers < whole.layers
+    deepest = np.abs(shallow.center[shallow.on, 0] + np.sign(ear.axis[0]) * BURR.radius)
+    assert deepest.max() <= 5.0 + 0.5
+    assert np.all(np.diff(whole.time) > 0)
+    assert (whole.on[-1], whole.duration) == (False, whole.time[-1])
+
+
+PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
+
+
+@pytest.mark.parametrize(
+    ("place", "burr", "options", "told"),
+    [
+        *((None, BURR, {name: -1.0},
+            f"{name} must be positive, got -1") for name in ("layer", "step", "speed", "depth")),
+        (None, Burr(40.0), {}, "burr of 40 mm fits nowhere into the planned cavity"),
+        (PART, BURR, {}, "phantom must hold some of the planned cavity"),
+    ],
+)  # fmt: skip
+def test_paths_that_are_refused(ear, place, burr, options, told):
+    with pytest.raises(ValueError, match=told):
+        mastoidectomy_path(place or ear, burr, **options)

@@ -24,14 +24,10 @@ def scene(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("player") / "session.h5", records, burrs=2), digests
 
 
-def play(scene, **options):
-    return TracePlayer(scene[0], **options)
-
-
 @pytest.mark.parametrize("prepared", [False, True])
 @pytest.mark.parametrize("memory", [256.0, 0.1])
 def test_every_moment_is_that_of_the_session(scene, prepared, memory):
-    player = play(scene, every=0.1, memory=memory)
+    player = TracePlayer(scene[0], every=0.1, memory=memory)
     if prepared:
         assert player.prepare()
         assert player.done == 0
@@ -44,7 +40,7 @@ def test_every_moment_is_that_of_the_session(scene, prepared, memory):
 
 
 def test_changed_bricks_are_those_that_differ(scene):
-    player = play(scene, every=0.1)
+    player = TracePlayer(scene[0], every=0.1)
     view, counts = player.bone.density, [-(-n // 8) for n in player.bone.shape]
     for moment in np.random.default_rng(2).integers(0, TICKS + 1, 40):
         bricks = player.seek_tick(FIRST + int(moment))
@@ -57,7 +53,7 @@ def test_changed_bricks_are_those_that_differ(scene):
 
 
 def test_seconds_count_whole_ticks(scene):
-    player, times = play(scene), scene[0].time()
+    player, times = TracePlayer(scene[0]), scene[0].time()
     assert (player.time, player.done, player.duration) == (0.0, 0, pytest.approx(times[-1]))
     for done in (1, 2, 1234, TICKS):
         for late in (0.0, 0.0009):  # a tick that has not ended is not executed
@@ -68,7 +64,7 @@ def test_seconds_count_whole_ticks(scene):
 
 
 def test_burrs_force_and_depth_are_the_recorded_ones(scene):
-    player, rows = play(scene), scene[0].ticks["burr"]
+    player, rows = TracePlayer(scene[0]), scene[0].ticks["burr"]
     assert not player.burrs.on.any()
     assert not player.force.any()
     assert (player.burrs.centers == rows["center_mm"][0]).all()
@@ -84,7 +80,7 @@ def test_burrs_force_and_depth_are_the_recorded_ones(scene):
 
 
 def test_prepares_beside_seeks(scene):
-    player = play(scene, every=0.02, memory=0.1)  # states are dropped meanwhile
+    player = TracePlayer(scene[0], every=0.02, memory=0.1)  # states are dropped meanwhile
     done = []
     thread = threading.Thread(target=player.prepare, args=(done.append,))
     thread.start()
@@ -132,7 +128,7 @@ def test_a_burr_that_moves_on_while_states_are_given_up(tmp_path):
 
 
 def test_preparing_ends_when_asked(scene):
-    player, cancel = play(scene, every=0.1), threading.Event()
+    player, cancel = TracePlayer(scene[0], every=0.1), threading.Event()
     assert not player.prepare(lambda part: cancel.set() if part > 0.2 else None, cancel=cancel)
     assert 0.1 < player.prepared < 0.5
     player.seek_tick(FIRST + 1500)
@@ -140,11 +136,11 @@ def test_preparing_ends_when_asked(scene):
 
 
 def test_refusals(scene):
-    player, seconds = play(scene), r"seconds must be from 0 to 3\.06"
+    player, seconds = TracePlayer(scene[0]), r"seconds must be from 0 to 3\.06"
     tick = f"tick must be from {FIRST} to {FIRST + 3000}, got "
     refused(
-        (lambda: play(scene, every=0), "every must be positive, got 0"),
-        (lambda: play(scene, memory=0), "memory must be positive, got 0"),
+        (lambda: TracePlayer(scene[0], every=0), "every must be positive, got 0"),
+        (lambda: TracePlayer(scene[0], memory=0), "memory must be positive, got 0"),
         *((lambda at=at: player.seek(at), seconds) for at in (-0.1, 3.1, float("nan"))),
         *((lambda at=at: player.seek_tick(at), f"{tick}{at}") for at in (FIRST - 1, FIRST + 3001)),
         (lambda: TracePlayer("session.h5"), "trace must be a Trace", TypeError),

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from command_line import refusal, said
 from fit_scenes import BONE, BURR
 
 import burrlab
-from burrlab.cli.main import main
 from burrlab.measured.curve import VelocityCurve
 
 FORCES = np.geomspace(0.3, 2.2, 8)
@@ -98,49 +98,24 @@ def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     assert set(burrlab.run_sheet(FORCES, specimens=1, runs=3).force) == {*FORCES[[0, 4, 7]]}
 
     filled(sheet, 2, ratio=0.7).to_csv(tmp_path / "sheet.csv")
-    assert (
-        main(["compare", str(tmp_path / "sheet.csv"), "--by", "drill", "--json", str(tmp_path / "c.json")])
-        == 0
-    )
-    assert "A and B, paired by day and specimen, differ" in capsys.readouterr().out.replace(
-        "B and A", "A and B"
-    )
+    compared = said(capsys, "compare", tmp_path / "sheet.csv", "--by", "drill", "--json", tmp_path / "c.json")
+    assert "A and B, paired by day and specimen, differ" in compared.replace("B and A", "A and B")
     (pair,) = json.loads((tmp_path / "c.json").read_text())["pairs"]
     assert pair["differ"]
 
 
 def test_command(tmp_path, capsys):
     PILOT.to_json(tmp_path / "fit.json")
-    command = [
-        "design",
-        str(tmp_path / "fit.json"),
-        "--compare",
-        "0.9",
-        "--specimens",
-        "5:6",
-        "--runs",
-        "6,8",
-    ]
-    command += [
-        "--between",
-        "alpha=0.1,difference=0.05",
-        "--json",
-        str(tmp_path / "power.json"),
-        "--seed",
-        "3",
-    ]
-    assert (
-        main([*command, "--sheet", str(tmp_path / "sheet.csv"), "--plot", str(tmp_path / "power.png")]) == 0
-    )
-    assert "6 specimens and 6 runs of each drill in each" in capsys.readouterr().out
+    design = ["design", tmp_path / "fit.json"]
+    sizes = "--compare 0.9 --specimens 5:6 --runs 6,8 --between alpha=0.1,difference=0.05 --seed 3"
+    command = [*design, *sizes.split(), "--json", tmp_path / "power.json"]
+    report = said(capsys, *command, "--sheet", tmp_path / "sheet.csv", "--plot", tmp_path / "power.png")
+    assert "6 specimens and 6 runs of each drill in each" in report
     assert json.loads((tmp_path / "power.json").read_text())["smallest"] == [6, 6]
     assert len(VelocityCurve.from_csv(tmp_path / "sheet.csv")) == 72
     assert (tmp_path / "power.png").stat().st_size > 10000
-    for more, message in ((["--power", "0.999", "--sheet", "x.csv"], "no comparison of these sizes"),):
-        assert main([*command, *more]) == 2
-        assert message in capsys.readouterr().err
-    assert main(["design", str(tmp_path / "fit.json"), "--forces", "1,2", "--sheet", "x.csv"]) == 2
-    assert "--sheet goes with --compare" in capsys.readouterr().err
+    assert "no comparison of these sizes" in refusal(capsys, *command, "--power", 0.999, "--sheet", "x.csv")
+    assert "--sheet goes with --compare" in refusal(capsys, *design, "--forces", "1,2", "--sheet", "x.csv")
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,10 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         assert protocol(tmp_path, SMALL.replace(old, new)).digest != one.digest
 
 
+_TASKS = SMALL[SMALL.index("[tasks.probing]") :]
+_RESIN = '[materials.resin]\nreal = true\n[tasks.match]\ndesign = "abx"\nreference = "resin"\n'
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -239,6 +243,10 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ("trials = 10", "trials = 10\ndirection = [1, 1]", r", [tasks.up]: direction goes with references"),
         ("trials = 4", "trials = 4\nreferences = [1, 2]", r", [tasks.match]: unknown key 'references'; known are design, reference, foil"),
         ("trials = 10", "trials = 1000000000000", r", [tasks.up]: trials must be a whole number from 0 to 10000, got 1000000000000"),
+        (_TASKS, "", ": the table [tasks] is missing"),
+        (_TASKS, "[tasks]", ", [tasks]: there must be at least one task"),
+        (_TASKS, _RESIN + 'foil = "pvc"', ", [tasks.match]: match must be given, as the reference 'resin' is a real"),
+        (_TASKS, _RESIN + 'foil = "resin"\nmatch = "pvc"', ", [tasks.match]: foil must have a material to be rendered"),
     ],
 )  # fmt: skip
 def test_every_mistake_is_named_by_table_and_key(tmp_path, old, new, sentence):
@@ -246,27 +254,6 @@ def test_every_mistake_is_named_by_table_and_key(tmp_path, old, new, sentence):
     with pytest.raises(ValueError, match=re.escape(f"test.toml{sentence}")) as error:
         protocol(tmp_path, SMALL.replace(old, new))
     assert "\n" not in str(error.value)
-
-
-_RESIN = '[materials.resin]\nreal = true\n[tasks.match]\ndesign = "abx"\nreference = "resin"\n'
-_HEAD = SMALL[: SMALL.index("[tasks.probing]")]
-
-
-@pytest.mark.parametrize(
-    ("tables", "sentence"),
-    [
-        ("", ": the table [tasks] is missing"),
-        ("[tasks]", ", [tasks]: there must be at least one task"),
-        (_RESIN + 'foil = "pvc"', ", [tasks.match]: match must be given, as the reference 'resin' is a real"),
-        (
-            _RESIN + 'foil = "resin"\nmatch = "pvc"',
-            ", [tasks.match]: foil must have a material to be rendered",
-        ),
-    ],
-)
-def test_tasks_that_are_none(tmp_path, tables, sentence):
-    with pytest.raises(ValueError, match=re.escape(f"test.toml{sentence}")):
-        protocol(tmp_path, _HEAD + tables)
 
 
 def test_not_text(tmp_path):

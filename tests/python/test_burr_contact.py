@@ -173,7 +173,7 @@ def test_far_away(center: tuple[float, float, float], scheme: str) -> None:
 
 
 def test_ctrl_c_stops_a_run() -> None:
-    """The ticks done are kept, and `tick` counts them."""
+    """The ticks done are kept, and `tick` counts them. The core lets another thread run meanwhile."""
     bone = block()
     contact = contact_on(bone)
     path = np.tile(wandering_path(1000), (400, 1))

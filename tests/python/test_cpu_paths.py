@@ -1,4 +1,4 @@
-"""Every CPU path of the tick gives the bits of the reference and, in long runs, of the others; their choice."""
+"""Every CPU path of the tick gives the bits of the reference and, in long runs, of the others; its choice."""
 
 import json
 import os

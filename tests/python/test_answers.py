@@ -51,7 +51,7 @@ def test_what_was_written_is_read(tmp_path, task):
 
 
 def test_counts_are_of_the_main_phase_and_of_each_type(tmp_path):
-    assert read_answers(begun(tmp_path, count=10, wrong=100)[1]).counts() == Counts(
+    assert read_answers(begun(tmp_path, count=10, right=lambda trial: True)[1]).counts() == Counts(
         "same-different", hits=4, signals=4, false_alarms=0, noises=4,
         by_type={"AA": (0, 2), "AB": (2, 2), "BA": (2, 2), "BB": (0, 2)},
     )  # fmt: skip

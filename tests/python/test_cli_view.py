@@ -9,9 +9,8 @@ import sys
 import numpy as np
 import pytest
 from command_line import call, refusal, result
-from rendering_probe import need_drawing
 from session_scenes import small_bone
-from view_scenes import carve, frames_in, read, write_trace
+from view_scenes import carve, frames_in, need_drawing, read, write_trace
 
 import burrlab.cli.view as cli_view
 from burrlab import (

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scene_pictures import differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone
-from view_scenes import carve, parcels
+from view_scenes import carve, differing, open_scene, parcels, small_scene  # noqa: F401
 
 pytestmark = pytest.mark.slow
 

@@ -14,6 +14,7 @@ from session_scenes import refused
 from burrlab import Burr, load_trace, materials, replay
 from burrlab.psychophysics import (
     AdaptiveStaircase,
+    Block,
     ConstantStimuli,
     SimulatedSubject,
     Staircase,
@@ -24,9 +25,9 @@ from burrlab.psychophysics import (
     read_folder,
     rehearse,
     rehearsed_order,
+    render,
     trial_rows,
 )
-from burrlab.psychophysics.interval import Block, render
 from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.session.network import make_bone
 

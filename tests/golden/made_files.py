@@ -6,8 +6,12 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import burrlab
+from burrlab.anatomy import Watch, default_tissues
+from burrlab.cli import main
+from burrlab.volume import save_drilled, write_dicom
 
 FILES = Path(__file__).parent / "files"
 BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
@@ -15,8 +19,6 @@ BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
 
 def run(*arguments: object) -> tuple[int, str, str]:
     """Exit status, standard output and standard error of a command."""
-    from burrlab.cli import main
-
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         try:
@@ -32,34 +34,29 @@ def curve() -> burrlab.VelocityCurve:
 
 def make_files(folder: Path) -> None:
     """One of each file that this version writes, a few kB each."""
-    from burrlab.anatomy.watch import Watch
-    from burrlab.bone.formats import write_volume
-    from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
-    from burrlab.bone.kept import save_drilled
-    from burrlab.bone.tissues import default_tissues
-    from burrlab.volume import write_dicom
-
     rng = np.random.default_rng(1)
     labels = np.ones((12, 20, 20), np.uint8)
     labels[:, 8:11], labels[9:] = 4, 0
     grey = np.where(labels > 0, 800 + rng.integers(0, 400, labels.shape), -1000).astype(np.int16)
     grid = (0.4, 0.4, 0.4), (5.0, -6.0, 7.0), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-    volume, mapping = Volume(grey, *grid, "made"), OccupancyMap.two_point(0, 1000)
-    write_volume(folder / "labels.nrrd", LabelVolume(labels, *grid, "made", {1: "bone", 4: "facial nerve"}))
+    volume, mapping = burrlab.Volume(grey, *grid, "made"), burrlab.OccupancyMap.two_point(0, 1000)
+    burrlab.write_volume(
+        folder / "labels.nrrd", burrlab.LabelVolume(labels, *grid, "made", {1: "bone", 4: "facial nerve"})
+    )
     bone = volume.to_bone(mapping)
     bone.set_tissues(
         default_tissues(["air", "bone", "facial nerve"]),
         np.select([labels == 1, labels == 4], [1, 2], 0).astype(np.uint8),
     )
     for ending in ("nrrd", "nii.gz", "mha", "nii"):
-        write_volume(folder / f"grey.{ending}", volume)
-    burr, top = burrlab.Burr(3.0), np.array(bone.origin) + 0.4 * np.array([9.5, 9.5, 8.5])
+        burrlab.write_volume(folder / f"grey.{ending}", volume)
+    top = np.array(bone.origin) + 0.4 * np.array([9.5, 9.5, 8.5])
     device = burrlab.ScriptedDevice(
         [0.0, 0.3, 1.0], [top + (0, 0, 3.5), top + (0, 0, 2.7), top + (0.5, 0.5, 2.0)]
     )
     with burrlab.Session(
         bone,
-        (burr, BONE),
+        (BURR, BONE),
         device,
         seed=7,
         duration=1.0,
@@ -92,8 +89,6 @@ def make_files(folder: Path) -> None:
 
 def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
     """Files that are only read: headers with separate values, and slices as of volumetric_drilling."""
-    from PIL import Image
-
     (folder / "grey.raw").write_bytes(grey.tobytes())
     sizes = " ".join(str(n) for n in grey.shape[::-1])
     (folder / "grey.nhdr").write_text(

@@ -57,43 +57,40 @@ def answer(trial, response, onset, response_time=0.75):
     )  # fmt: skip
 
 
-def give(file, order, count, *, wrong=3):
-    """Appends answers to file and order, every `wrong`-th one wrong; returns the trials."""
+def give(file, order, count=10_000, *, right=None, change=lambda row, place: row):
+    """Appends answers to file and order until the count or the run ends; returns the trials.
+
+    Answers are correct where `right(trial)` is True, by default all but every third one.
+    """
     trials = []
-    for _ in range(count):
-        trial = order.next()
+    while len(trials) < count and (trial := order.next()) is not None:
         place = len(order.answered)
-        answers = ("same", "different") if trial.correct in ("same", "different") else ("first", "second")
-        other = next(one for one in answers if one != trial.correct)
-        response = other if place % wrong == wrong - 1 else trial.correct
-        file.append(answer(trial, response, 60.0 * place + 1e-7))  # times are kept to the microsecond
-        order.answer(response)
+        (other,) = {*order._answers} - {trial.correct}
+        correct = place % 3 != 2 if right is None else right(trial)
+        # times are kept to the microsecond
+        row = change(answer(trial, trial.correct if correct else other, 60.0 * place + 1e-7), place)
+        file.append(row)
+        order.answer(row.response, lost=row.lost)
         trials.append(trial)
     return trials
 
 
+def run(protocol, subject, task, right=None, count=10_000):
+    """Begins a run and answers it by `give`; returns its path."""
+    file, order = protocol.begin(subject, task)
+    with file:
+        give(file, order, count, right=right)
+    return file.path
+
+
 def begun(
-    folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL, wrong=3
+    folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL, right=None
 ):
     """(protocol, path) of a closed run with `count` answers."""
     one = protocol(folder, text)
-    file, order = one.begin(subject, task)
-    with file:
-        give(file, order, count, wrong=wrong)
-    return one, file.path
+    return one, run(one, subject, task, right, count)
 
 
-def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
+def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01"):
     """The first trials of a run, answered by `give`."""
-    return give(Mock(), one.order(subject, task), count, wrong=wrong)
-
-
-def run(protocol, subject, task, right, stop=10_000):
-    """Answers a run, correctly where `right` is True."""
-    file, order = protocol.begin(subject, task)
-    with file:
-        while len(order.answered) < stop and (trial := order.next()) is not None:
-            (other,) = {*protocol.tasks[task].answers} - {trial.correct}
-            response = trial.correct if right(trial) else other
-            file.append(answer(trial, response, 45.0 * len(order.answered)))
-            order.answer(response)
+    return give(Mock(), one.order(subject, task), count)

@@ -65,11 +65,10 @@ class Run:
     energy: np.ndarray  #: given to the hand [mJ]
     records: np.ndarray
 
-    def window(self, start: float, until: float = np.inf) -> slice:
-        """Ticks from one time [s] to another, or until the burr is a radius deep."""
+    def window(self, start: float) -> slice:
+        """Ticks from a time [s] until the burr is a radius deep, or to the end."""
         deep = np.flatnonzero(RADIUS - self.position[:, 2] > RADIUS)
-        last = min(len(self.force), int(until * 1e3 / self.period) if np.isfinite(until) else len(self.force))
-        return slice(int(start * 1e3 / self.period), min(last, deep[0]) if len(deep) else last)
+        return slice(int(start * 1e3 / self.period), deep[0] if len(deep) else len(self.force))
 
     def ripple(self, window: slice) -> float:
         """Force above 20 Hz, peak to peak, of its largest component [N].

@@ -35,6 +35,7 @@ FOUR = {
     name: Counts("same-different", hits, 6, alarms, 6)
     for name, hits, alarms in (("01", 5, 1), ("02", 4, 3), ("03", 6, 0), ("04", 5, 1))
 }
+UNEQUAL = {"01": THREE["01"], "02": Counts("same-different", 9, 12, 3, 12)}
 
 
 def only(counts=THREE, **options):
@@ -117,12 +118,10 @@ def test_rules_and_checks_of_other_counts():
 
 
 def test_unequal_trials():
-    analysis = analyse({"01": THREE["01"], "02": Counts("same-different", 9, 12, 3, 12)}, selected_from=5)
+    analysis = analyse(UNEQUAL, selected_from=5)
     task = analysis["same-different"]
     assert (task.trials, task.selection) == (None, None)
     assert "trials differ between subjects" in analysis.report()
-    with pytest.raises(ValueError, match="a histogram of scores needs equally many trials a subject, got 12, 24"):  # fmt: skip
-        task.plot_scores()
 
 
 _EFFECT = SelectionEffect(3, 20, 12)
@@ -250,6 +249,13 @@ _ABX = Counts("abx", 4, 5, 0, 5)
         (ValueError, lambda: only({"01": _ABX}).subject("x"), "subject must be one of 01, got 'x'"),
         (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).subjects[0].of_rule("x"),
          "rule must be one of differencing, got 'x'"),
+        (ValueError, lambda: only(UNEQUAL).plot_scores(),
+         "a histogram of scores needs equally many trials a subject, got 12, 24"),
+        (ValueError,
+         lambda: only().plot_scores(published=group_score_from(mean=9.4, sem=0.4, n=5, trials=10, task="abx")),
+         "published must be of 12 trials, as the task, got 10"),
+        (ValueError, lambda: thresholds((None, None)).plot_thresholds(),
+         "task level must hold a threshold to be drawn, got none"),
     ],
 )  # fmt: skip
 def test_refusals(kind, ask, sentence):
@@ -290,8 +296,6 @@ def test_scores(task):
     marks = {line.get_marker(): list(line.get_xdata()) for line in axes.lines}
     assert (marks["D"], marks["s"]) == ([9.75], [9.3])
     assert not any("published" in label for label in labels(task.plot_scores()))
-    with pytest.raises(ValueError, match="published must be of 12 trials, as the task, got 10"):
-        task.plot_scores(published=group_score_from(mean=9.4, sem=0.4, n=5, trials=10, task="abx"))
 
 
 def test_intervals_of_the_score(task):
@@ -345,8 +349,6 @@ def test_thresholds():
     assert axes.get_xlabel() == "threshold, c_e over the reference's [1], 95 % interval"
     assert "(simulated subjects)" in axes.get_title()
     assert made.group_threshold[0] == pytest.approx(math.exp(math.sqrt(math.log(1.1) * math.log(1.3))))
-    with pytest.raises(ValueError, match="task level must hold a threshold to be drawn, got none"):
-        thresholds((None, None)).plot_thresholds()
     # Thresholds on both sides of 1 have no mean, and equal ones no interval.
     sides = thresholds((1.1, None), (0.9, None))
     assert sides.group_threshold is thresholds((1.1, None), (1.1, None)).group_threshold is None

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendering_probe import why_not
 from replica_scenes import soon
 from soak_process import as_text, effects_like, keep_scene, read_scene
+from view_scenes import why_not
 
 import burrlab
 from burrlab.effects.effects import Effects, effects_of

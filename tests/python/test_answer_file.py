@@ -36,8 +36,13 @@ def test_nothing_is_overwritten(tmp_path):
     refused((lambda: one.begin("01", "probing"), r"path must be a new file, .*json exists", FileExistsError))
     assert path.read_bytes() == before
     path.unlink()
-    with pytest.raises(FileExistsError, match=r"path must be a new file, .*events.json exists"):
-        one.begin("01", "probing")
+    refused(
+        (
+            lambda: one.begin("01", "probing"),
+            r"path must be a new file, .*events.json exists",
+            FileExistsError,
+        )
+    )
     assert (path.with_suffix(".json").read_bytes(), path.exists()) == (car, False)
 
 

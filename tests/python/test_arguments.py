@@ -8,7 +8,6 @@ from session_scenes import session_of
 
 import burrlab
 from burrlab._core import Burr, EffectParameters, Material, Tissue, VoxelBone
-from burrlab.bone.image import OccupancyMap
 from burrlab.bone.phantom.phantom import temporal_bone
 from burrlab.effects.effects import Effects
 from burrlab.session.network import block_recipe, follow
@@ -45,7 +44,7 @@ NUMBERS = [
     (follow, "port", f"port {WHOLE}", {"host": "127.0.0.1", "timeout": 0.1}),
     (follow, "timeout", f"timeout {REAL}", {"host": "127.0.0.1", "port": 1}),
     (block_recipe, "voxel", f"voxel {REAL}", {"size": (1, 1, 1)}),
-    (OccupancyMap.two_point, "solid", f"map {REAL}", {"empty": 0}),
+    (burrlab.OccupancyMap.two_point, "solid", f"map {REAL}", {"empty": 0}),
     (VOLUME.resample, "spacing", f"spacing {REAL}", {}),
     (
         burrlab.descend,

@@ -25,20 +25,6 @@ def test_arrays_are_read_only_copies_that_outlive_their_bone(name: str) -> None:
     np.testing.assert_array_equal(array, levels)
 
 
-def test_changing_the_bone_does_not_change_an_array(eroded_bone: VoxelBone) -> None:
-    """A tick, a write and a reset change the bone, not earlier copies."""
-    bone = eroded_bone
-    present, pristine = bone.density, bone.pristine
-    before = present.copy(), pristine.copy()
-    assert np.any(present != pristine)
-    BurrContact(bone, Burr(1.0), materials["bone"], seed=2).step((0.0, 0.0, 0.5), 1.0)
-    assert np.any(bone.density != present)
-    bone.write(SOLID // 2)
-    bone.reset()
-    assert np.all(bone.pristine[:4, :5, :6] == 127)
-    np.testing.assert_array_equal((present, pristine), before)
-
-
 @pytest.mark.parametrize(
     ("start", "size"),
     [((0, 0, 0), (20, 30, 30)), ((7, 8, 9), (2, 1, 8)), ((19, 29, 29), (1, 1, 1)), ((3, 0, 5), (17, 16, 3))],

@@ -1,6 +1,5 @@
 """Inhomogeneous bone: moments and correlation of the field, independence of the grid, predicted scatter."""
 
-import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
@@ -150,43 +149,6 @@ def test_velocity_in_one_bone_does_not_depend_on_the_voxel(burr, bone, length):
     assert fine.std(ddof=1) > 0.025
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"mean": 0.0}, "mean must be above 0 and at most 1, got 0.0"),
-        ({"mean": 1.1}, "mean must be above 0 and at most 1, got 1.1"),
-        ({"mean": np.nan}, "mean must be above 0 and at most 1, got nan"),
-        ({"contrast": -0.1}, r"contrast must be 0 or between 0 and sqrt\(\(1 - mean\)/mean\) = 0.5, got -0.1"),
-        ({"contrast": 0.5}, r"contrast must be 0 or between 0 and .* = 0.5, got 0.5"),
-        ({"mean": 1.0}, r"contrast must be 0 or between 0 and .* = 0, got 0.1"),
-        ({"contrast": np.nan}, "contrast must be 0 or between .* got nan"),
-        ({"contrast": 0.004},
-         "contrast must be 0 or give a standard deviation of at least one level, .* = 0.004902, got 0.004"),
-        ({"correlation_length": 0.0}, "correlation_length must be positive and finite, got 0.0"),
-        ({"correlation_length": np.inf}, "correlation_length must be positive and finite, got inf"),
-    ],
-)  # fmt: skip
-def test_field_parameters_are_checked(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        BoneField(**parameters)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"seed": -1}, r"seed must be a whole number from 0 and below 2\^64, got -1"),
-        ({"seed": 2**64}, r"seed must be a whole number from 0 and below 2\^64, got 18446744073709551616"),
-        ({"voxel": (0.1, 0.1, 0.4)}, r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"),
-        ({"voxel": 0.0}, "voxel must be a positive number or three"),
-        ({"depth": -1.0}, "depth must be positive"),
-        ({"axis": (0, 0, 0)}, "axis must be three finite numbers"),
-    ],
-)
-def test_specimen_parameters_are_checked(burr, options, message):
-    with pytest.raises(ValueError, match=message):
-        BoneField(correlation_length=0.3).specimen(burr, **{"voxel": 0.2, "seed": 1, **options})
-
-
 BURR, BONE, FIELD = Burr(3.0), materials["bone"], BoneField()
 
 
@@ -292,30 +254,57 @@ def test_repr_dict_and_plot():
     assert (scatter.provenance["seed"], scatter.to_dict()["sd_ln_v"]) == (3, list(scatter.sd))
     axes = scatter.plot()
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("force [N]", "standard deviation of ln v [%]")
-    assert scatter.plot(axes) is axes
-    assert pickle.loads(pickle.dumps(scatter)).pooled == scatter.pooled
+
+
+def specimen(**options):
+    return BoneField(correlation_length=0.3).specimen(BURR, **{"voxel": 0.2, "seed": 1, **options})
+
+
+NO_LIST = "forces must be a list of at least one force"
+NO_FORCE = "every force must be positive and finite, and given once"
+NO_SEED = r"seed must be a whole number from 0 and below 2\^64, got "
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("call", "options", "message"),
     [
-        ({"forces": []}, "forces must be a list of at least one force"),
-        ({"forces": 1.0}, "forces must be a list of at least one force"),
-        ({"forces": [1.0, -1.0]}, "every force must be positive and finite, and given once"),
-        ({"forces": [1.0, np.nan]}, "every force must be positive and finite, and given once"),
-        ({"forces": [1.0, 1.0]}, "every force must be positive and finite, and given once"),
-        ({"repeats": 1}, "repeats must be at least 2, got 1"),
-        ({"seed": -1}, r"seed must be a whole number from 0 and below 2\^64, got -1"),
-        ({"dt": 0.0}, "dt must be positive and finite, got 0"),
-        ({"voxel": 0.6}, "correlation_length must be at least one voxel"),
-        ({"burr": 3.0}, "burr must be a "),
-        ({"material": "bone"}, "material must be a "),
-        ({"field": 0.8}, "field must be a "),
+        (BoneField, {"mean": 0.0}, "mean must be above 0 and at most 1, got 0.0"),
+        (BoneField, {"mean": 1.1}, "mean must be above 0 and at most 1, got 1.1"),
+        (BoneField, {"mean": np.nan}, "mean must be above 0 and at most 1, got nan"),
+        (BoneField, {"contrast": -0.1},
+         r"contrast must be 0 or between 0 and sqrt\(\(1 - mean\)/mean\) = 0.5, got -0.1"),
+        (BoneField, {"contrast": 0.5}, r"contrast must be 0 or between 0 and .* = 0.5, got 0.5"),
+        (BoneField, {"mean": 1.0}, r"contrast must be 0 or between 0 and .* = 0, got 0.1"),
+        (BoneField, {"contrast": np.nan}, "contrast must be 0 or between .* got nan"),
+        (BoneField, {"contrast": 0.004},
+         "contrast must be 0 or give a standard deviation of at least one level, .* = 0.004902, got 0.004"),
+        (BoneField, {"correlation_length": 0.0}, "correlation_length must be positive and finite, got 0.0"),
+        (BoneField, {"correlation_length": np.inf},
+         "correlation_length must be positive and finite, got inf"),
+        (specimen, {"seed": -1}, NO_SEED + "-1"),
+        (specimen, {"seed": 2**64}, NO_SEED + "18446744073709551616"),
+        (specimen, {"voxel": (0.1, 0.1, 0.4)},
+         r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"),
+        (specimen, {"voxel": 0.0}, "voxel must be a positive number or three"),
+        (specimen, {"depth": -1.0}, "depth must be positive"),
+        (specimen, {"axis": (0, 0, 0)}, "axis must be three finite numbers"),
+        (predict, {"forces": []}, NO_LIST),
+        (predict, {"forces": 1.0}, NO_LIST),
+        (predict, {"forces": [1.0, -1.0]}, NO_FORCE),
+        (predict, {"forces": [1.0, np.nan]}, NO_FORCE),
+        (predict, {"forces": [1.0, 1.0]}, NO_FORCE),
+        (predict, {"repeats": 1}, "repeats must be at least 2, got 1"),
+        (predict, {"seed": -1}, NO_SEED + "-1"),
+        (predict, {"dt": 0.0}, "dt must be positive and finite, got 0"),
+        (predict, {"voxel": 0.6}, "correlation_length must be at least one voxel"),
+        (predict, {"burr": 3.0}, "burr must be a "),
+        (predict, {"material": "bone"}, "material must be a "),
+        (predict, {"field": 0.8}, "field must be a "),
     ],
-)
-def test_prediction_parameters_are_checked(options, message):
+)  # fmt: skip
+def test_what_is_refused(call, options, message):
     with pytest.raises((ValueError, TypeError), match=message):
-        predict(**options)
+        call(**options)
 
 
 @pytest.mark.slow

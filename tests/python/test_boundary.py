@@ -4,15 +4,17 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from answer_scenes import SMALL, answer, protocol
+from answer_scenes import SMALL, give, protocol
 from session_scenes import refused
 
 from burrlab import Burr, load_trace, materials, replay
 from burrlab.psychophysics import (
     AdaptiveStaircase,
+    Block,
     ConstantStimuli,
     SimulatedSubject,
     Staircase,
@@ -23,9 +25,9 @@ from burrlab.psychophysics import (
     read_folder,
     rehearse,
     rehearsed_order,
+    render,
     trial_rows,
 )
-from burrlab.psychophysics.interval import Block, render
 from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.session.network import make_bone
 
@@ -149,13 +151,10 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
     """They move no staircase, neither in the run nor when it is resumed; they are out of the analysis."""
     made = protocol(tmp_path, TEXT)
 
-    def answered(file, order, stop):
-        while len(order.answered) < stop and (trial := order.next()) is not None:
-            lost = len(order.answered) % 3 == 1
-            row = replace(answer(trial, trial.correct, 45.0 * len(order.answered)), reached=not lost)
-            file.append(replace(row, forces=(0.2, 0.4)))
-            order.answer(row.response, lost=row.lost)
-
+    answered = partial(
+        give, right=lambda trial: True,
+        change=lambda row, place: replace(row, reached=place % 3 != 1, forces=(0.2, 0.4)),
+    )  # fmt: skip
     file, order = made.begin("01", "harder")
     with file:
         answered(file, order, 5)
@@ -168,7 +167,7 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
     file, order = made.resume("01", "harder")
     with file:
         assert [trial.level for trial, _ in order.answered if trial.phase == "main"] == levels
-        answered(file, order, 100)
+        answered(file, order)
     rows = read_answers(file.path).rows
     assert (len(rows), sum(row.lost for row in rows)) == (14, 5)
     analysis = analyse(made)

@@ -23,26 +23,26 @@ def test_a_closed_pipe_ends_silently():
     os.close(writer)
 
 
-def test_what_needs_no_work_imports_none_of_its_libraries():
-    program = (
-        "import contextlib, sys; from burrlab.cli import main\n"
-        "for words in (['--version'], ['--help'], ['desend'], ['fit', '--verbos'], ['fit', '--help'],\n"
-        "              ['session', '--devize'], ['view', '--pgn'], ['experiment', 'run', '--al'], ['tissues', '-x']):\n"
-        "    with contextlib.suppress(SystemExit): main(words)\n"
-        "print(*{'h5py', 'matplotlib', 'nlopt', 'scipy'} & set(sys.modules))"
-    )
+NO_WORK = """
+import contextlib, sys; from burrlab.cli import main
+for words in (['--version'], ['--help'], ['desend'], ['fit', '--verbos'], ['fit', '--help'],
+              ['session', '--devize'], ['view', '--pgn'], ['experiment', 'run', '--al'], ['tissues', '-x']):
+    with contextlib.suppress(SystemExit): main(words)
+print(*{'h5py', 'matplotlib', 'nlopt', 'scipy'} & set(sys.modules))
+"""
+A_FIT = """
+import io, sys, burrlab
+file = io.StringIO('force_N,velocity_mm_s\\n0.5,0.3\\n1,0.8\\n1.5,1.4\\n2,2.2\\n')
+burrlab.fit(burrlab.VelocityCurve.from_csv(file), burrlab.Burr(3.0)).report()
+print(*{'h5py', 'matplotlib', 'scipy.stats'} & set(sys.modules))
+"""
+
+
+@pytest.mark.parametrize("program", [NO_WORK, A_FIT])
+def test_no_library_is_imported_that_is_not_needed(program):
+    """Not for what needs no work; and neither figures nor distributions for a fit."""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == ""
-
-
-def test_a_fit_imports_no_figures_and_no_distributions(tmp_path):
-    (tmp_path / "a.csv").write_text("force_N,velocity_mm_s\n0.5,0.3\n1,0.8\n1.5,1.4\n2,2.2\n")
-    program = (
-        "import sys, burrlab; fit = burrlab.fit(burrlab.VelocityCurve.from_csv(sys.argv[1]), burrlab.Burr(3.0))\n"
-        "fit.report(); print(*{'h5py', 'matplotlib', 'scipy.stats'} & set(sys.modules))"
-    )
-    words = [sys.executable, "-c", program, str(tmp_path / "a.csv")]
-    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.split() == []
 
 
 def test_standard_input_and_quiet(capsys, monkeypatch, tmp_path):
@@ -256,16 +256,6 @@ def test_several_sets(capsys, files):
     assert 0 <= fitted["test"]["p_value"] <= 1
     for name in ("r.png", "p.png"):
         assert (files / name).stat().st_size > 10_000
-
-
-def test_open_ends_are_null(capsys, files):
-    burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.3, 0.4, 0.5], seed=1).to_csv(
-        files / "ridge.csv"
-    )
-    fitted = result(capsys, "fit", files / "ridge.csv", "--radius", 3)
-    assert fitted["intervals"]["c_e"]["95"][1] is None
-    assert fitted["separately_identified"] is False
-    assert "no upper end" in fitted["verdict"]
 
 
 def test_voxel_engine_and_store(capsys, files):

@@ -14,8 +14,7 @@ from session_scenes import refused
 import burrlab.cli.experiment as cli_experiment
 import burrlab.cli.options as cli_options
 from burrlab.cli import main
-from burrlab.psychophysics import DeviceLost, Protocol, read_folder
-from burrlab.psychophysics.rehearsal import SimulatedSeat
+from burrlab.psychophysics import DeviceLost, Protocol, SimulatedSeat, read_folder
 from burrlab.psychophysics.seat import Experimenter
 
 CONFIG = """

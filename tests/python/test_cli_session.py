@@ -1,4 +1,4 @@
-"""The commands session and replica."""
+"""The commands session and replica; with a page and effects, too."""
 
 import contextlib
 import json
@@ -13,17 +13,24 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from command_line import call, refusal, result
+from replica_scenes import soon
 
 import burrlab
+import burrlab.cli.session as cli_session
+from burrlab.cli import main
+from burrlab.effects.companion import Companion
+from burrlab.session.network import block_recipe, make_bone
 
 FILES = Path(__file__).parents[1] / "golden/files"
 FAST = ["--voxel", "0.4", "--radius", "3", "--seed", "5"]
+HAND = ["--device", "hand", *FAST]
+BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
 def test_hand_recorded(tmp_path, capsys):
     path, figure, said = tmp_path / "hand.h5", tmp_path / "time.png", tmp_path / "said.json"
     code, out, _ = call(
-        capsys, "session", "--device", "hand", "--duration", 1, *FAST, "--record", path, "--plot", figure, "--json", said
+        capsys, "session", *HAND, "--duration", 1, "--record", path, "--plot", figure, "--json", said
     )  # fmt: skip
     assert code == 0
     for words in ("1000 ticks", "contact stiffness", "seed 5"):
@@ -122,7 +129,7 @@ def start():
 def test_leader_and_replica(start, tmp_path):
     """The replica's process is interrupted and run again; then the leader's is interrupted."""
     path, bone = tmp_path / "leader.h5", tmp_path / "bone.h5"
-    leader, first = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
+    leader, first = start("session", *HAND, "--publish", "0", "--record", path)
     assert "published on 127.0.0.1, port" in first
     address = "127.0.0.1:" + first.split("port ")[1].split(";")[0]
     early, first = start("replica", address)
@@ -158,7 +165,7 @@ def test_leader_and_replica(start, tmp_path):
 def test_interrupted_session_is_whole(start, tmp_path, name, delay):
     """The trace is as whole as after Ctrl-C, which ends the leader above; also while the session begins."""
     path = tmp_path / "cut.h5"
-    run, _ = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
+    run, _ = start("session", *HAND, "--publish", "0", "--record", path)
     time.sleep(delay)
     run.send_signal(getattr(signal, name))
     out, _ = run.communicate(timeout=30)
@@ -185,14 +192,16 @@ def test_waiting_device_is_said(tmp_path):
     )
 
 
-def test_volume_that_is_elsewhere(monkeypatch, capsys):
+def test_wrong_input_of_a_replica(monkeypatch, capsys):
     missing = Mock(side_effect=FileNotFoundError("ct.nrrd: no such file"))
     monkeypatch.setattr("burrlab.cli.session.follow", missing)
-    for address, said in (
-        ("localhost:1", "ct.nrrd: no such file; --volume says where the leader's volume lies here\n"),
-        ("here", "argument HOST:PORT: must be HOST:PORT, got 'here'\n"),
+    for said, *words in (
+        ("ct.nrrd: no such file; --volume says where the leader's volume lies here", "localhost:1"),
+        ("argument HOST:PORT: must be HOST:PORT, got 'here'", "here"),
+        ("--effects goes with --view or --web", "127.0.0.1:1", "--effects"),
+        ("--stereo goes with --view or --web", "127.0.0.1:1", "--stereo"),
     ):
-        assert refusal(capsys, "replica", address) == f"burrlab replica: {said}"
+        assert refusal(capsys, "replica", *words) == f"burrlab replica: {said}\n"
 
 
 def test_a_flat_trace_is_used_as_any_other(capsys, tmp_path):
@@ -226,14 +235,99 @@ def test_bones_for_cpp_programs(capsys, tmp_path):
     assert exported(FILES / "flat.burr", "--until", 40) == (flat.initial_digest, 40)
     assert exported(FILES / "bone.h5") == exported(tmp_path / "2.burr") == (bone.digest(), tick)
     assert exported("--volume", FILES / "grey.nrrd", "--map", "90:180") == (volume.digest(), 0)
-    out = ("--out", tmp_path / "new.burr")
-    for words, said in (
-        ([], "export needs one of FILE and, for .burr, --volume or --labels"),
-        ([FILES / "bone.h5", "--map", "90:180"], "--map goes with a volume"),
-        ([FILES / "bone.h5", "--until", 3], "--until goes with a trace"),
-        ([FILES / "flat.burr", "--burr", 1], "--burr goes with --out FILE.hdf5"),
+    for said, ending, *words in (
+        ("export needs one of FILE and, for .burr, --volume or --labels", "burr"),
+        ("--map goes with a volume", "burr", FILES / "bone.h5", "--map", "90:180"),
+        ("--until goes with a trace", "burr", FILES / "bone.h5", "--until", 3),
+        ("--burr goes with --out FILE.hdf5", "burr", FILES / "flat.burr", "--burr", 1),
+        ("--until goes with --out FILE.stl, .ply or .burr", "hdf5", FILES / "flat.burr", "--until", 40),
     ):
-        assert said in refusal(capsys, "export", *words, *out)
-    assert "--until goes with --out FILE.stl, .ply or .burr" in refusal(
-        capsys, "export", FILES / "flat.burr", "--until", 40, "--out", tmp_path / "new.hdf5"
+        assert said in refusal(capsys, "export", *words, "--out", tmp_path / f"new.{ending}")
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """Replaces the page: notes its arguments and waits for the session's end."""
+    served = {}
+
+    def serve(source, **options):
+        served.update(options, source=source)
+        served.get("meanwhile", lambda: None)()
+        source.wait(60.0)
+
+    monkeypatch.setattr(cli_session, "pyvista", lambda: None)
+    monkeypatch.setattr(cli_session, "check_page", lambda **_: None)
+    monkeypatch.setattr(cli_session, "serve", serve)
+    return served
+
+
+def leader(seconds):
+    """A published block that a hand cuts."""
+    return burrlab.Session(
+        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
+        (burrlab.Burr(2.0), burrlab.materials["bone"]),
+        burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0),
+        seed=11,
+        duration=seconds,
+        publish=0,
+        clock=burrlab.Clock(realtime=False),
     )
+
+
+def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
+    file = tmp_path / "said.json"
+    arguments = ["session", *HAND, "--duration", "1.5", "--no-realtime", "--web", "--effects", "--stereo"]
+    said, plain = call(capsys, *arguments, "--json", file)[1], json.loads(file.read_text())
+    session, companion, told = shown["source"], shown["effects"], plain["effects"]
+    assert shown["stereo"]
+    assert not companion.running
+    assert companion.seed == told["seed"] == 5
+    assert told["frames"] == companion.report().frames > 5
+    assert told["budget"] == 0.02
+    assert told["balance_mm3"]["dust"]["made"] == pytest.approx(session.snapshot()[0].removed) != 0
+    assert told["balance_mm3"]["water"]["made"] > 0
+    assert all(account["exact"] for account in told["balance_mm3"].values())
+    assert f"effects at assumed rates, seed 5: {told['frames']} frames of at most" in said
+    assert "budget 20 ms: " in said
+    assert max(len(line) for line in str(companion.report()).splitlines()) <= 80  # a terminal's width
+    assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in said
+
+
+def test_without_effects_nothing_is_said_of_them(shown, capsys):
+    told = result(capsys, "session", *HAND, "--duration", "0.3", "--web")
+    assert (shown["effects"], shown["stereo"], "effects" in told) == (None, False, False)
+
+
+def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
+    """Effects are also reported if a duration ends the replica while it is shown."""
+    file = tmp_path / "said.json"
+    with leader(60.0) as session:
+        assert soon(lambda: session.snapshot()[0].removed > 0)
+        where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]
+        assert main([*where, "--duration", "1.5"]) == 0
+        assert shown["source"].wait(0.0)
+        assert not shown["effects"].running
+        assert "ended (stopped): tick " in capsys.readouterr().out
+
+        def meanwhile():
+            assert soon(lambda: shown["effects"].balance()["dust"].made > 0)
+            session.stop()
+
+        shown["meanwhile"] = meanwhile
+        assert main([*where, "--json", str(file)]) == 0
+    plain = json.loads(file.read_text())
+    assert (plain["digest"], plain["effects"]["seed"]) == (session.snapshot()[0].digest(), 11)
+    assert plain["effects"]["balance_mm3"]["dust"]["exact"]
+    assert 0 < plain["effects"]["balance_mm3"]["dust"]["made"] <= session.snapshot()[0].removed * (1 + 1e-12)
+    assert "effects at assumed rates, seed 11: " in capsys.readouterr().out
+
+
+def test_effects_that_ended_early_are_said(monkeypatch):
+    assert cli_session.end_effects(None) == ("", {})
+    with leader(0.3) as session:
+        companion = Companion(session, seed=1).start()
+        session.wait()
+    monkeypatch.setattr(Companion, "error", "no memory")
+    text, plain = cli_session.end_effects(companion)
+    assert "\neffects ended early: no memory\n" in text
+    assert plain["effects"]["error"] == "no memory"

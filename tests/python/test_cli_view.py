@@ -9,12 +9,18 @@ import sys
 import numpy as np
 import pytest
 from command_line import call, refusal, result
-from rendering_probe import need_drawing
 from session_scenes import small_bone
-from view_scenes import carve, frames_in, read, write_trace
+from view_scenes import carve, frames_in, need_drawing, read, write_trace
 
 import burrlab.cli.view as cli_view
-from burrlab import VoxelBone, export_volumetric_drilling, load_trace, save_bone
+from burrlab import (
+    Volume,
+    VoxelBone,
+    export_volumetric_drilling,
+    load_trace,
+    save_bone,
+    write_volume,
+)
 from burrlab.effects.effects import effects_of
 from burrlab.session.player import TracePlayer
 
@@ -31,15 +37,12 @@ def trace(tmp_path_factory):
 @pytest.fixture(scope="module")
 def volume(tmp_path_factory):
     """8 x 6 x 4 mm of grey 1000 under air, at 0.5 mm, turned by a quarter about z."""
-    sitk = pytest.importorskip("SimpleITK")
+    pytest.importorskip("SimpleITK")
     grey = np.full((8, 12, 16), 1000, np.int16)
     grey[6:] = -1000
-    image = sitk.GetImageFromArray(grey)
-    image.SetSpacing((0.5, 0.5, 0.5))
-    image.SetOrigin((10.0, 20.0, 30.0))
-    image.SetDirection((0, -1, 0, 1, 0, 0, 0, 0, 1))
+    turned = [(0, -1, 0), (1, 0, 0), (0, 0, 1)]
     file = tmp_path_factory.mktemp("view") / "grey.nrrd"
-    sitk.WriteImage(image, str(file))
+    write_volume(file, Volume(grey, (0.5, 0.5, 0.5), (10.0, 20.0, 30.0), turned, "made"))
     return file
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
-from command_line import said
+from command_line import refusal, said
 from session_scenes import refused, session_of
 
 from burrlab import Tissue, Tissues, VoxelBone, load_trace
@@ -91,9 +91,8 @@ def test_options_are_checked(capsys) -> None:
          "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
         (lambda: chosen_watch(options(["--approach", "3"]), plain), "--approach needs a bone with tissues"),
     )  # fmt: skip
-    with pytest.raises(SystemExit):
-        options(["--injury", "-1"])
-    assert "argument --injury: must be zero or positive, got '-1'" in capsys.readouterr().err
+    error = refusal(capsys, "session", "--device", "hand", "--injury", "-1")
+    assert "argument --injury: must be zero or positive, got '-1'" in error
 
 
 def options(given):

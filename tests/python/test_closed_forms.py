@@ -26,12 +26,6 @@ def cap(depth: float) -> tuple[float, float]:
     return math.pi * h**2 * (r - h / 3), math.pi / 4 * (2 * r * h - h**2) ** 2
 
 
-def slab_moments(top: float, bottom: float) -> tuple[float, float]:
-    """m_0 and m_1 of the part of the sphere at heights bottom..top from its centre."""
-    upper, lower = cap(RADIUS - bottom), cap(RADIUS - top)
-    return upper[0] - lower[0], upper[1] - lower[1]
-
-
 def force_of(m0: float) -> float:
     """Force on the axis by Eqs. 2, 3 [N]."""
     u = burrlab.penetration(m0, RADIUS) / RADIUS
@@ -87,10 +81,10 @@ def test_moments_of_a_slab(top: float, bottom: float) -> None:
     bone = burrlab.VoxelBone.block((n * voxel, n * voxel, thickness), voxel, origin=origin)
     assert bone.shape[0] == round(thickness / voxel)
     m0, m1 = burrlab.moments(bone, BURR, (0.03, -0.02, 0.0))
-    expected_m0, expected_m1 = slab_moments(-bottom, -top)
+    # the cap below the plate's top without the one below its bottom; the axis points down
+    expected_m0, expected_m1 = np.subtract(cap(RADIUS + top), cap(RADIUS + bottom))
     assert m0 == pytest.approx(expected_m0, rel=2e-3)
-    scale = expected_m0 * RADIUS
-    np.testing.assert_allclose(m1, (0.0, 0.0, -expected_m1), atol=2e-3 * scale)
+    np.testing.assert_allclose(m1, (0.0, 0.0, -expected_m1), atol=2e-3 * expected_m0 * RADIUS)
 
 
 @pytest.mark.parametrize("voxel", [0.4, 0.2, 0.1])

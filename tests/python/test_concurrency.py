@@ -88,23 +88,6 @@ def test_threads_may_feel_one_bone(cpu_path: str, contact: BurrContact) -> None:
     assert contact.tick == 40
 
 
-def test_other_threads_run_while_the_core_works(contact: BurrContact) -> None:
-    """The core releases the interpreter: a thread counts during one long call."""
-    counted, done = 0, threading.Event()
-
-    def work() -> None:
-        contact.run(np.repeat(path(10), 100, axis=0), 1.0)
-        done.set()
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    while not done.is_set():
-        counted += 1
-        done.wait(0.001)
-    thread.join()
-    assert counted > 3
-
-
 ALONE = "bone must be used by one thread alone while it is changed: another thread "
 HERE, BRICK = (3, 3, 4), np.zeros(1, np.uint32)
 USES: dict[str, Callable[[VoxelBone, BurrContact], object]] = {

@@ -336,7 +336,6 @@ class TestResult:
         labels = sorted(text.get_text() for text in ax.get_legend().get_texts())
         assert labels[:2] == ["more likely overloaded", "static pairs"]
         assert labels[2:] == [f"velocity, $R$ = {R} mm" for R in ("1.5", "3", "5")]
-        assert result.plot(ax) is ax
         only = design(across, [], [], 2, static=[0.2]).plot()
         assert [text.get_text() for text in only.get_legend().get_texts()] == ["static pairs"]
 
@@ -364,13 +363,13 @@ def test_what_is_refused(ridge, arguments, match):
 
 
 def test_fits_that_do_not_serve(ridge):
+    both = fit([ON_RIDGE, synthetic_curve(Burr(1.5), BONE, [0.2, 0.4], seed=1)])
+    two = fit([ACROSS, ACROSS], share=("c_e",))
     refused(
         (lambda: design(ON_RIDGE, 0.5, 3.0, 3), "fit must be a Fit, such as", TypeError),
         (lambda: design(replace(ridge, evidence=None), 0.5, 3.0, 3), "this fit gave nothing to judge by"),
-    )
-    both = fit([ON_RIDGE, synthetic_curve(Burr(1.5), BONE, [0.2, 0.4], seed=1)])
-    two = fit([ACROSS, ACROSS], share=("c_e",))
-    refused((lambda: design(two, 0.5, 3.0, 3), "a design needs a fit of one c_e and one alpha: whose would"))
-    with pytest.raises(ValueError, match="static_radius must be given: the data of the fit are of several"):
-        design(both, [], [], 3, static=0.2)
+        (lambda: design(two, 0.5, 3.0, 3), "a design needs a fit of one c_e and one alpha: whose would"),
+        (lambda: design(both, [], [], 3, static=0.2),
+         "static_radius must be given: the data of the fit are of several"),
+    )  # fmt: skip
     assert design(both, [], [], 3, static=0.2, static_radius=1.5).best.radius == 1.5

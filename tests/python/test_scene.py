@@ -6,10 +6,17 @@ import subprocess
 
 import numpy as np
 import pytest
-from rendering_probe import need_drawing
-from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import refused, small_bone, tools
-from view_scenes import carve, parcels, write_trace
+from view_scenes import (  # noqa: F401
+    SIZE,
+    carve,
+    differing,
+    need_drawing,
+    open_scene,
+    parcels,
+    small_scene,
+    write_trace,
+)
 
 import burrlab
 from burrlab.view import LiveView, Scene, TraceView, surgeon_view, write_video

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from chromium import Chromium, chromium_path
 from page_scenes import nerve_trace
-from rendering_probe import need_drawing
+from view_scenes import need_drawing
 
 import burrlab
 from burrlab.session.player import TracePlayer

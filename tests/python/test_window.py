@@ -6,8 +6,7 @@ import sys
 import time
 
 import pytest
-from scene_pictures import differing
-from view_scenes import write_trace
+from view_scenes import differing, write_trace
 from x_screen import Screen, need_screen
 
 pytestmark = pytest.mark.slow

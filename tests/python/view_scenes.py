@@ -1,10 +1,19 @@
-"""A short trace of a cut in a bone with two tissues, for tests of the view."""
+"""Bones, traces, scenes and pictures for tests of the view, and whether this machine draws without a screen."""
+
+import contextlib
+import functools
+import subprocess
+import sys
 
 import numpy as np
+import pytest
 from PIL import Image
 from session_scenes import make_records, record, small_bone
 
 import burrlab
+from burrlab.view import Scene, surgeon_view
+
+SIZE = (320, 240)
 
 
 def carve(bone, *centers, radius=1.0, ticks=100, seed=1):
@@ -53,3 +62,48 @@ def frames_in(path):
     """Number of pictures in a GIF."""
     with Image.open(path) as film:
         return film.n_frames
+
+
+_TRY = """
+import numpy as np, burrlab
+from burrlab.view import Scene
+scene = Scene(burrlab.VoxelBone.block((0.8, 0.8, 0.8), 0.1), [], off_screen=True, size=(32, 32))
+assert np.ptp(scene.picture()) > 20
+"""
+
+
+@functools.cache
+def why_not() -> str | None:
+    """Why the machine cannot draw, tried in a separate process, as a failing VTK ends it; None if it can."""
+    done = subprocess.run([sys.executable, "-c", _TRY], capture_output=True, text=True, timeout=240)
+    if done.returncode == 0:
+        return None
+    said = done.stderr.strip().splitlines()
+    return f"cannot draw without a screen: {said[-1] if said else f'status {done.returncode}'}"
+
+
+def need_drawing() -> None:
+    """Skips a test, with the reason, if drawing does not work."""
+    reason = why_not()
+    if reason is not None:
+        pytest.skip(reason)
+
+
+@contextlib.contextmanager
+def open_scene(bone, radii=(1.0,), *, chart=True, **options):
+    """A scene off screen, closed afterwards."""
+    need_drawing()
+    made = Scene(bone, radii, **{"off_screen": True, "size": SIZE, "chart": chart, **options})
+    yield made
+    made.close()
+
+
+@pytest.fixture(name="scene")
+def small_scene():
+    with open_scene(small_bone(), chart=False) as made:
+        made.look(surgeon_view(made.bone, (0, 0, 0), width=8.0, tilt=0.0))
+        yield made
+
+
+def differing(one, other):
+    return np.abs(one.astype(int) - other.astype(int)).max(axis=2) > 8

@@ -7,16 +7,12 @@ import itertools
 import sys
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
 from burrlab.psychophysics.rules import RULES, Floats, Rule, rule_of
 from burrlab.psychophysics.sensitivity import _TIE, LARGEST, Outcomes, _probabilities, binomial
-
-Booleans: TypeAlias = NDArray[np.bool_]
 
 D_PRIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 
@@ -53,38 +49,31 @@ def enumerate_estimator(
     trials: int,
     d_primes: Sequence[float] = D_PRIMES,
     shift: float = 0.0,
-    level: float = 0.95,
 ) -> list[SimpleNamespace]:
     """For each d' a row of shares of experiments and of biases of the mean, over all outcomes.
 
     Half of the trials are of either kind; `shift` is the criterion's, from the unbiased one [sd]. In a row:
 
-    * exact, profile: the interval of this level holds the truth; exact_open: it is open above;
-    * wald: estimate +- standard errors exists and holds the truth; wald_corrected: log-linear correction;
-    * equal: as many hits as false alarms, whose standard error is infinite;
-    * infinite, zero: estimates; bias: of finite estimates; bias_log_linear, bias_half: after a correction.
+    * exact, profile: the 95 % interval holds the truth; exact_open: it is open above;
+    * wald: estimate +- standard errors exists and holds the truth;
+    * infinite: estimates; bias: of finite estimates; bias_log_linear, bias_half: after a correction.
     """
     law, half = rule_of(task, rule), trials // 2
     outcomes = Outcomes.all(half, half)
-    estimate, limit = outcomes.estimate(law)[0], float(chdtri(1.0, 1.0 - level))
-    h, f = outcomes.corrected("log-linear")
-    log_linear, by_half = law.invert(h, f)[0], law.invert(*outcomes.corrected("half"))[0]
-    more = Outcomes(h * (half + 1.0), outcomes.signals + 1.0, f * (half + 1.0), outcomes.noises + 1.0)
-    finite = np.isfinite(estimate)
+    estimate, error = outcomes.estimate(law)[0], outcomes.standard_error(law)
+    log_linear, by_half = (law.invert(*outcomes.corrected(how))[0] for how in ("log-linear", "half"))
+    finite, has_error = np.isfinite(estimate), np.isfinite(error)
     # An interval is open above if its test keeps the largest d'.
-    exact_open = exact_p_values(law, half, half, LARGEST) > 1.0 - level
+    exact_open = exact_p_values(law, half, half, LARGEST) > 0.05
     rows = []
     for d in d_primes:
         p = outcome_probabilities(law, trials, d, float(law.unbiased(d)) + shift)
         shares = {
-            "exact": exact_p_values(law, half, half, d) > 1.0 - level,
-            "profile": outcomes.deviance(law, d) <= limit,
+            "exact": exact_p_values(law, half, half, d) > 0.05,
+            "profile": outcomes.deviance(law, d) <= chdtri(1.0, 0.05),
             "exact_open": exact_open,
-            "wald": _wald(outcomes, law, d, level),
-            "wald_corrected": _wald(more, law, d, level),
-            "equal": outcomes.hits == outcomes.false_alarms,
+            "wald": has_error & (np.abs(np.where(has_error, estimate, 0.0) - d) <= ndtri(0.975) * error),
             "infinite": ~finite,
-            "zero": estimate == 0.0,
         }
         biases = {
             "bias": float(p[finite] @ estimate[finite] / p[finite].sum()) - d,
@@ -95,50 +84,33 @@ def enumerate_estimator(
     return rows
 
 
-def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
-    """Markdown: shares [%] of exact, profile and Wald intervals that hold the truth; * is mostly open."""
-
-    def cell(row: SimpleNamespace) -> str:
-        shares = " / ".join(f"{100.0 * share:.1f}" for share in (row.exact, row.profile, row.wald))
-        return shares + (" *" if row.exact_open > 0.5 else "")
-
-    return _table(task, trials, shift, cell)
+def coverage_cell(row: SimpleNamespace) -> str:
+    """Shares [%] of exact, profile and Wald intervals that hold the truth; * is mostly open."""
+    shares = " / ".join(f"{100.0 * share:.1f}" for share in (row.exact, row.profile, row.wald))
+    return shares + (" *" if row.exact_open > 0.5 else "")
 
 
-def bias_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
-    """Markdown: bias of finite, log-linear and "half" estimates; share of infinite ones [%] in brackets."""
-
-    def cell(row: SimpleNamespace) -> str:
-        biases = " / ".join(f"{bias:+.2f}" for bias in (row.bias, row.bias_log_linear, row.bias_half))
-        return f"{biases} ({100.0 * row.infinite:.0f})"
-
-    return _table(task, trials, shift, cell)
+def bias_cell(row: SimpleNamespace) -> str:
+    """Bias of finite, log-linear and "half" estimates; share of infinite ones [%] in brackets."""
+    biases = " / ".join(f"{bias:+.2f}" for bias in (row.bias, row.bias_log_linear, row.bias_half))
+    return f"{biases} ({100.0 * row.infinite:.0f})"
 
 
-def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[SimpleNamespace], str]) -> str:
+def table(task: str, cell: Callable[[SimpleNamespace], str], shift: float = 0.0) -> str:
+    """Markdown: a cell for each d' in rows of rules and trials, and an empty line."""
     lines = [
         "| rule | trials | " + " | ".join(f"d' {d:g}" for d in D_PRIMES) + " |",
         "|---|---|" + "---|" * len(D_PRIMES),
     ]
-    for rule in RULES:
-        for n in trials:
-            cells = map(cell, enumerate_estimator(task, rule, trials=n, shift=shift))
-            lines.append(f"| {rule} | {n} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> Booleans:
-    """Whether estimate +- standard errors exists and holds d', by outcome."""
-    error, estimate = outcomes.standard_error(rule), outcomes.estimate(rule)[0]
-    width = float(ndtri(0.5 * (1.0 + level))) * error
-    return np.isfinite(error) & (np.abs(np.where(np.isfinite(error), estimate, 0.0) - d_prime) <= width)
+    for rule, trials in itertools.product(RULES, (12, 48, 200)):
+        cells = map(cell, enumerate_estimator(task, rule, trials=trials, shift=shift))
+        lines.append(f"| {rule} | {trials} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n\n"
 
 
 if __name__ == "__main__":
     for task, shift in itertools.product(("same-different", "abx"), (0.0, 0.5)):
         sys.stdout.write(f"{task}, criterion {shift:g} from the unbiased one: exact / profile / Wald\n\n")
-        sys.stdout.write(coverage_table(task, shift=shift) + "\n\n")
+        sys.stdout.write(table(task, coverage_cell, shift))
     for task in ("same-different", "abx"):
-        sys.stdout.write(
-            f"{task}, bias: finite / log-linear / half (infinite)\n\n" + bias_table(task) + "\n\n"
-        )
+        sys.stdout.write(f"{task}, bias: finite / log-linear / half (infinite)\n\n" + table(task, bias_cell))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from burrlab import Burr, Material, materials, mean_field_descent
-from burrlab.psychophysics.designs import ABX, Draws, FixedOrder, SameDifferent, counterbalanced
+from burrlab.psychophysics.designs import ABX, Draws, FixedOrder, SameDifferent, Stimulus, counterbalanced
 from burrlab.psychophysics.psychometric import ThresholdPosterior, proportion_correct
 from burrlab.psychophysics.staircase import (
     AdaptiveStaircase,
@@ -22,7 +22,6 @@ from burrlab.psychophysics.staircase import (
     gaussian_correct,
     gaussian_difference,
 )
-from burrlab.psychophysics.trial import Stimulus
 
 BONE, PETTIGREW, PVC = (Stimulus(name, materials[name]) for name in ("bone", "pettigrew", "pvc"))
 REAL = Stimulus("real Pettigrew")

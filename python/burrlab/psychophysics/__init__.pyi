@@ -7,7 +7,11 @@ from burrlab.psychophysics.answers import read_answers as read_answers
 from burrlab.psychophysics.answers import read_folder as read_folder
 from burrlab.psychophysics.answers import trial_rows as trial_rows
 from burrlab.psychophysics.designs import ABX as ABX
+from burrlab.psychophysics.designs import Boundary as Boundary
+from burrlab.psychophysics.designs import Interval as Interval
 from burrlab.psychophysics.designs import SameDifferent as SameDifferent
+from burrlab.psychophysics.designs import Stimulus as Stimulus
+from burrlab.psychophysics.designs import Trial as Trial
 from burrlab.psychophysics.designs import counterbalanced as counterbalanced
 from burrlab.psychophysics.group import GroupDPrime as GroupDPrime
 from burrlab.psychophysics.group import GroupScore as GroupScore
@@ -63,10 +67,6 @@ from burrlab.psychophysics.staircase import AdaptiveStaircase as AdaptiveStairca
 from burrlab.psychophysics.staircase import ConstantStimuli as ConstantStimuli
 from burrlab.psychophysics.staircase import Staircase as Staircase
 from burrlab.psychophysics.threshold_task import ThresholdTask as ThresholdTask
-from burrlab.psychophysics.trial import Boundary as Boundary
-from burrlab.psychophysics.trial import Interval as Interval
-from burrlab.psychophysics.trial import Stimulus as Stimulus
-from burrlab.psychophysics.trial import Trial as Trial
 from burrlab.psychophysics.weber import SensitivityFunction as SensitivityFunction
 from burrlab.psychophysics.weber import WeberFraction as WeberFraction
 from burrlab.psychophysics.weber import subjects_for_slope as subjects_for_slope

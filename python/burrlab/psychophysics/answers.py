@@ -17,7 +17,7 @@ from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
-from burrlab.psychophysics.designs import PARAMETER_KEYS
+from burrlab.psychophysics.designs import PARAMETER_KEYS, Order
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
@@ -30,7 +30,6 @@ from burrlab.psychophysics.side_car import (
     read_side_car,
     side_car_path,
 )
-from burrlab.psychophysics.trial import Order
 
 if TYPE_CHECKING:
     import pandas

@@ -17,7 +17,7 @@ from burrlab._core import Burr, Device, Material, RecordReader, Tissue, Tissues,
 from burrlab.bone.recipe import BlockRecipe, BoneRecipe, LayeredRecipe, VolumeBlockRecipe, VolumeRecipe
 from burrlab.common.check import check_positive, refuse
 from burrlab.common.records import law_of
-from burrlab.psychophysics.trial import MODES, Boundary, Interval, Mode
+from burrlab.psychophysics.designs import MODES, Boundary, Interval, Mode
 from burrlab.session.session import Session
 from burrlab.session.settings import Clock, Safety, StartingBone
 

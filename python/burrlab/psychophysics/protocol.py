@@ -22,12 +22,18 @@ from burrlab.common.check import refuse, shown
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
-from burrlab.psychophysics.designs import ComparisonDesign, counterbalanced
+from burrlab.psychophysics.designs import (
+    ComparisonDesign,
+    Order,
+    Stimulus,
+    TaskDesign,
+    counterbalanced,
+    key_of,
+)
 from burrlab.psychophysics.interval import Block, VolumeBlock
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
-from burrlab.psychophysics.trial import Order, Stimulus, TaskDesign, key_of
 from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
 

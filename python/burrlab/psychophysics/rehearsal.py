@@ -12,7 +12,17 @@ import scipy
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
 from burrlab.common.check import refuse
-from burrlab.psychophysics.designs import ABX, ComparisonDesign, Draws
+from burrlab.psychophysics.designs import (
+    ABX,
+    MODES,
+    ComparisonDesign,
+    Draws,
+    Interval,
+    Mode,
+    Order,
+    TaskDesign,
+    Trial,
+)
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
     CUES,
@@ -31,7 +41,6 @@ from burrlab.psychophysics.power import DesignPower, Observer, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.seat import Seat
-from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, TaskDesign, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one

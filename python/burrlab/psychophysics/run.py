@@ -15,13 +15,12 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
 from burrlab.psychophysics.answers import AnswerFile
-from burrlab.psychophysics.designs import Draws
+from burrlab.psychophysics.designs import Draws, Interval, Mode, Order, Stimulus, Trial
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
 from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
-from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
 from burrlab.session.exchange import open_device, parse_device
 
 MANY_LATE = 0.01  # share of an interval's ticks above which the experimenter is told

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TextIO
 
 from burrlab.common.check import refuse
+from burrlab.psychophysics.designs import Interval, TaskDesign, Trial
 from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.rules import KEYS
-from burrlab.psychophysics.trial import Interval, TaskDesign, Trial
 
 
 class Seat(ABC):

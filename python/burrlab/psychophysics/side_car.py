@@ -17,10 +17,10 @@ import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
+from burrlab.psychophysics.designs import Phase, Trial
 from burrlab.psychophysics.interval import ENDINGS, Rendered
 from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
-from burrlab.psychophysics.trial import Phase, Trial
 
 INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: Types of trials and the correct answer, if the type alone decides it.

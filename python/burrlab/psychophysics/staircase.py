@@ -20,9 +20,15 @@ from burrlab.psychophysics.designs import (
     ComparisonDesign,
     Draws,
     FixedDesign,
+    Order,
+    Phase,
     SameDifferent,
+    Stimulus,
+    TaskDesign,
+    Trial,
     checked_answers,
     checked_level,
+    key_of,
 )
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
@@ -30,7 +36,6 @@ from burrlab.psychophysics.psychometric import (
     threshold_of,
 )
 from burrlab.psychophysics.rules import rule_of, whole
-from burrlab.psychophysics.trial import Order, Phase, Stimulus, TaskDesign, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -191,7 +196,7 @@ class Staircase(Staircased):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = Staircase(Stimulus("bone", materials["bone"]), "c_e", down=3)
     >>> f"{design.target:.3f}"
     '0.794'
@@ -407,7 +412,7 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = ConstantStimuli(Stimulus("bone", materials["bone"]), "c_e", [1.1, 1.3, 1.6], repeats=10)
     >>> design.question
     'In which interval was the material stiffer, the first or the second?'
@@ -494,7 +499,7 @@ class AdaptiveStaircase(Staircased):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = AdaptiveStaircase(Stimulus("bone", materials["bone"]), "c_e", trials=30)
     >>> order = design.order(seed=1, subject="01")
     >>> while (trial := order.next()) is not None:
@@ -657,7 +662,7 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = SameDifferent(*(Stimulus(name, materials[name]) for name in ("bone", "pvc")))
     >>> design_of_dict(design.to_dict()).to_dict() == design.to_dict()
     True

@@ -10,6 +10,7 @@ import scipy
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, drawing, styled
 from burrlab.psychophysics.answers import Answers
+from burrlab.psychophysics.designs import TaskDesign
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import (
     OneSubject,
@@ -29,7 +30,6 @@ from burrlab.psychophysics.staircase import (
     StaircaseThreshold,
     design_of_dict,
 )
-from burrlab.psychophysics.trial import TaskDesign
 
 _CLIPPED = 0.01  # share of an interval's ticks in contact
 

@@ -16,7 +16,7 @@ import burrlab.cli.options as cli_options
 from burrlab.cli import main
 from burrlab.psychophysics import DeviceLost, Protocol, read_folder
 from burrlab.psychophysics.rehearsal import SimulatedSeat
-from burrlab.psychophysics.seat import Experimenter
+from burrlab.psychophysics.run import Experimenter
 
 CONFIG = """
 [experiment]

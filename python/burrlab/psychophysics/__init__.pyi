@@ -15,9 +15,12 @@ from burrlab.psychophysics.designs import Trial as Trial
 from burrlab.psychophysics.designs import counterbalanced as counterbalanced
 from burrlab.psychophysics.group import GroupDPrime as GroupDPrime
 from burrlab.psychophysics.group import GroupScore as GroupScore
+from burrlab.psychophysics.group import PublishedScore as PublishedScore
+from burrlab.psychophysics.group import SelectionEffect as SelectionEffect
 from burrlab.psychophysics.group import SubjectTest as SubjectTest
 from burrlab.psychophysics.group import group_d_prime as group_d_prime
 from burrlab.psychophysics.group import group_score as group_score
+from burrlab.psychophysics.group import group_score_from as group_score_from
 from burrlab.psychophysics.interval import Block as Block
 from burrlab.psychophysics.interval import Rendered as Rendered
 from burrlab.psychophysics.interval import VolumeBlock as VolumeBlock
@@ -37,9 +40,6 @@ from burrlab.psychophysics.protocol import Protocol as Protocol
 from burrlab.psychophysics.protocol import template as template
 from burrlab.psychophysics.psychometric import PsychometricFit as PsychometricFit
 from burrlab.psychophysics.psychometric import psychometric_function as psychometric_function
-from burrlab.psychophysics.published import PublishedScore as PublishedScore
-from burrlab.psychophysics.published import SelectionEffect as SelectionEffect
-from burrlab.psychophysics.published import group_score_from as group_score_from
 from burrlab.psychophysics.rehearsal import Prediction as Prediction
 from burrlab.psychophysics.rehearsal import PsychometricSeat as PsychometricSeat
 from burrlab.psychophysics.rehearsal import SimulatedSeat as SimulatedSeat
@@ -52,10 +52,9 @@ from burrlab.psychophysics.rehearsal import teach as teach
 from burrlab.psychophysics.rules import Counts as Counts
 from burrlab.psychophysics.rules import rule_of as rule_of
 from burrlab.psychophysics.run import DeviceLost as DeviceLost
+from burrlab.psychophysics.run import Seat as Seat
 from burrlab.psychophysics.run import Sitting as Sitting
-from burrlab.psychophysics.scored_task import ScoredTask as ScoredTask
-from burrlab.psychophysics.seat import Seat as Seat
-from burrlab.psychophysics.seat import TerminalSeat as TerminalSeat
+from burrlab.psychophysics.run import TerminalSeat as TerminalSeat
 from burrlab.psychophysics.sensitivity import DPrime as DPrime
 from burrlab.psychophysics.sensitivity import PairCheck as PairCheck
 from burrlab.psychophysics.sensitivity import binomial_test as binomial_test
@@ -66,7 +65,8 @@ from burrlab.psychophysics.side_car import AnswerRow as AnswerRow
 from burrlab.psychophysics.staircase import AdaptiveStaircase as AdaptiveStaircase
 from burrlab.psychophysics.staircase import ConstantStimuli as ConstantStimuli
 from burrlab.psychophysics.staircase import Staircase as Staircase
-from burrlab.psychophysics.threshold_task import ThresholdTask as ThresholdTask
+from burrlab.psychophysics.task_results import ScoredTask as ScoredTask
+from burrlab.psychophysics.task_results import ThresholdTask as ThresholdTask
 from burrlab.psychophysics.weber import SensitivityFunction as SensitivityFunction
 from burrlab.psychophysics.weber import WeberFraction as WeberFraction
 from burrlab.psychophysics.weber import subjects_for_slope as subjects_for_slope

@@ -30,20 +30,21 @@ from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
-from burrlab.psychophysics.scored_task import (
+from burrlab.psychophysics.sensitivity import DPrime
+from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
+from burrlab.psychophysics.task_results import (
     CountsBySubject,
     CountsByTask,
     Progress,
     ScoredTask,
     SubjectResult,
+    SubjectThreshold,
     TaskData,
+    ThresholdTask,
     design_text,
     tasks_of,
     with_selection,
 )
-from burrlab.psychophysics.sensitivity import DPrime
-from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
-from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 from burrlab.psychophysics.weber import SensitivityFunction, WeberFraction, usable
 
 Task: TypeAlias = ScoredTask | ThresholdTask

@@ -40,7 +40,7 @@ from burrlab.psychophysics.observer import (
 from burrlab.psychophysics.power import DesignPower, Observer, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
-from burrlab.psychophysics.seat import Seat
+from burrlab.psychophysics.run import Seat
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one

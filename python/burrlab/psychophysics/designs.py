@@ -18,9 +18,9 @@ import numpy as np
 from burrlab._core import Material
 from burrlab.bone.materials import constants_of
 from burrlab.common.check import refuse, require_type
-from burrlab.common.records import law_of
 from burrlab.psychophysics.power import design_power
 from burrlab.psychophysics.rules import TaskName, one_of, whole
+from burrlab.theory.continuum import Law
 
 Mode: TypeAlias = Literal["probing", "drilling"]
 Phase: TypeAlias = Literal["practice", "main", "catch"]
@@ -618,20 +618,20 @@ class ComparisonDesign(TaskDesign):
             len(along) != 2 or along[self.parameter == "alpha"] == 0.0,
             f"direction must be two numbers, along ln c_e and ln alpha, that move {self.parameter}, got {along}",
         )
-        material, law = self._material, law_of(self._material)
         where = f"{self.parameter} " if direction is None else ""
         for factor in factors:
-            c_e, alpha = (getattr(material, name) * factor**x for name, x in zip(UNITS, along, strict=True))
-            name = f"{self.reference.name} {where}x{factor:.6g}"
-            source = f"{material.name} times {factor:.17g}**{along} in c_e and alpha"
-            moved = Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
-            yield self if factor == 1.0 else replace(self, reference=Stimulus(name, moved))
+            c_e, alpha = (
+                getattr(self._material, name) * factor**x for name, x in zip(UNITS, along, strict=True)
+            )
+            source = f"times {factor:.17g}**{along} in c_e and alpha"
+            moved = self._moved(f"{where}x{factor:.6g}", c_e, alpha, source)
+            yield self if factor == 1.0 else replace(self, reference=moved)
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
         level = checked_level("level", level)
-        c_e, alpha = self._constants(level)
-        return self._varied("", level, c_e, alpha, f"with {self.parameter} times {level:.17g}; {self.held}")
+        source = f"with {self.parameter} times {level:.17g}; {self.held}"
+        return self._moved(f"{self.parameter} x{level:.6g}", *self._constants(level), source)
 
     def _constants(self, level: float) -> tuple[float, float]:
         """c_e and alpha of a level."""
@@ -640,22 +640,18 @@ class ComparisonDesign(TaskDesign):
             return c_e, alpha * level
         return c_e * level, alpha * level**self._exponent if self.hold == "sinking speed" else alpha
 
-    def _varied(self, where: str, level: float, c_e: float, alpha: float, source: str) -> Stimulus:
-        name = f"{self.reference.name} {where}{self.parameter} x{level:.6g}"
-        material, law = self._material, law_of(self._material)
-        source = f"{material.name} {source}"
-        return Stimulus(
-            name, Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
-        )
+    def _moved(self, where: str, c_e: float, alpha: float, source: str) -> Stimulus:
+        """A stimulus of the reference's law with other constants."""
+        name, material = f"{self.reference.name} {where}", self._material
+        return Stimulus(name, Law.of(material).material(c_e, alpha, name, f"{material.name} {source}"))
 
     def middle(self, level: float) -> Stimulus:
         """The foil between the bones above and below a boundary."""
         (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
         p, mean = self._exponent, math.sqrt(c_e * c_e_below)
         slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
-        return self._varied(
-            "between ", level, mean, mean**p / slowness, f"and its level {level:.17g}, between"
-        )
+        where, source = f"between {self.parameter} x{level:.6g}", f"and its level {level:.17g}, between"
+        return self._moved(where, mean, mean**p / slowness, source)
 
     def sinks_faster(self, level: float) -> bool:
         """Whether the burr sinks faster in a level's comparison than in the reference."""

@@ -33,7 +33,6 @@ from burrlab.psychophysics.designs import (
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
-    threshold_of,
 )
 from burrlab.psychophysics.rules import rule_of, whole
 
@@ -447,7 +446,7 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
             for difference in differences:
                 right = sum(answers(difference) for _ in range(self.repeats))
                 posterior.update(difference, right, self.repeats)
-            return posterior.summary()["threshold"], self.trials
+            return posterior.threshold(1.0, self.trials).difference, self.trials
 
         return (
             f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each\n"
@@ -553,7 +552,7 @@ class AdaptiveStaircase(Staircased):
                 f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}",
             )
             posterior.update(abs(math.log(ratio)), right)
-        return threshold_of(posterior, side, len(levels), level)
+        return posterior.threshold(side, len(levels), level)
 
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
@@ -582,7 +581,7 @@ class AdaptiveTrack:
         self._difference = self.posterior.most_informative()
 
     def threshold(self) -> PosteriorThreshold:
-        return threshold_of(self.posterior, self._side, self._trials - self._left, 0.95)
+        return self.posterior.threshold(self._side, self._trials - self._left)
 
 
 #: An observer: whether the answer at a difference |ln level| is correct.

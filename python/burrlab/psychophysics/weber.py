@@ -21,7 +21,7 @@ from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawi
 from burrlab.common.table import Tabular, p_text
 from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS
 from burrlab.psychophysics.group import check_level
-from burrlab.psychophysics.psychometric import ThresholdPosterior, threshold_of
+from burrlab.psychophysics.psychometric import ThresholdPosterior
 from burrlab.psychophysics.rules import Floats
 
 #: Force. Pang, Tan, Durlach, *Manual discrimination of force using active finger motion*, Perception &
@@ -119,7 +119,7 @@ class WeberFraction:
         posterior = ThresholdPosterior(min(distances) / _BEYOND, max(distances) * _BEYOND)
         for difference, correct, trials in rows:
             posterior.update(abs(difference), correct, trials)
-        threshold = threshold_of(posterior, sides.pop(), sum(trials for _, _, trials in rows), 0.95)
+        threshold = posterior.threshold(sides.pop(), sum(trials for _, _, trials in rows))
         near, fraction, far = (
             abs(x - 1.0) for x in (threshold.interval[0], threshold.level, threshold.interval[1])
         )

@@ -28,7 +28,6 @@ from burrlab.psychophysics.observer import (
     CUES,
     CUES_OF,
     DECISIONS,
-    LAPSE,
     CueName,
     Cues,
     Decision,
@@ -39,7 +38,7 @@ from burrlab.psychophysics.observer import (
 )
 from burrlab.psychophysics.power import DesignPower, Observer, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
+from burrlab.psychophysics.rules import LAPSE, Counts, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.run import Seat
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 

@@ -34,7 +34,7 @@ from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
 )
-from burrlab.psychophysics.rules import rule_of, whole
+from burrlab.psychophysics.rules import LAPSE, rule_of, whole
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -587,7 +587,6 @@ class AdaptiveTrack:
 #: An observer: whether the answer at a difference |ln level| is correct.
 Answers: TypeAlias = Callable[[float], bool]
 
-LAPSE = 0.02
 _RUNS = 200
 _D_PRIME = float(rule_of("2ifc", "independent-observations").invert(0.75, 0.25)[0])  # 0.954 at threshold
 

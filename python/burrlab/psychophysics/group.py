@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 import scipy
@@ -43,9 +43,7 @@ class ConditionalHits:
 
     Attributes
     ----------
-    d_prime : float
-        May be infinite: then only errors that K forces occur.
-    signals, noises : int
+    signals : int
     probability : ndarray, shape (signals + noises + 1, signals + 1)
         Probability of 0, 1, ... signals hits, one row for each K.
     mean : ndarray, shape (signals + noises + 1,)
@@ -56,9 +54,7 @@ class ConditionalHits:
         Whether more than one number of hits is possible.
     """
 
-    d_prime: float
     signals: int
-    noises: int
     probability: Floats
     mean: Floats
     variance: Floats
@@ -74,7 +70,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     task, rule : str
         As for `rule_of`.
     d_prime : float
-        >= 0, may be infinite.
+        >= 0, may be infinite: then only errors that K forces occur.
     signals, noises : int
         Trials of each kind.
 
@@ -106,7 +102,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     else:
         log_ways = np.where(
             inside,
-            _log_choose(signals, hits) + _log_choose(noises, np.where(inside, answers[:, None] - hits, 0)),
+            log_choose(signals, hits) + log_choose(noises, np.where(inside, answers[:, None] - hits, 0)),
             -np.inf,
         )
         probability = _distribution(decision, d_prime, signals, noises, log_ways)
@@ -114,7 +110,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     variance = np.maximum(0.0, probability @ hits**2 - mean**2)
     for array in (probability, mean, variance, informative):
         array.flags.writeable = False
-    return ConditionalHits(d_prime, signals, noises, probability, mean, variance, informative)
+    return ConditionalHits(signals, probability, mean, variance, informative)
 
 
 def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_ways: Floats) -> Floats:
@@ -164,7 +160,8 @@ def _tilted(log_ways: Floats, log_odds: Floats) -> Floats:
     return np.asarray(weight / np.sum(weight, axis=1, keepdims=True))
 
 
-def _log_choose(n: int, k: Integers) -> Floats:
+def log_choose(n: int, k: NDArray[Any]) -> Floats:
+    """The logarithm of the number of ways to choose k of n."""
     return np.asarray(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
 
 
@@ -296,9 +293,6 @@ def _logarithms(
     return times.astype(np.float64), np.log(spectrum)
 
 
-_MOST_SUMS = 2**18
-
-
 @dataclass(frozen=True)
 class SubjectTest:
     """The outcome of a test.
@@ -336,7 +330,7 @@ def probability_text(p: float) -> str:
 
 def t_test(values: ArrayLike) -> SubjectTest:
     """The one-sided t test of a mean above 0."""
-    x = finite_values(values)
+    x = np.asarray(values, dtype=np.float64)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
     if not error > 0.0:  # one value, or no scatter
         return SubjectTest("t test", None, None, None)
@@ -347,31 +341,16 @@ def t_test(values: ArrayLike) -> SubjectTest:
 def sign_flip_test(values: ArrayLike) -> SubjectTest:
     """Exact one-sided test of symmetry about 0: the share of all 2^n choices of signs whose sum is as large.
 
-    Equal sums are counted together, so whole or half values of any number of subjects are possible, and other
-    values of up to 18 subjects.
-
-    Raises
-    ------
-    ValueError
-        If there is no value, a value is not finite, or there are too many different sums.
+    Equal sums are counted together, so whole or half values of any number of subjects are possible.
     """
-    x = finite_values(values)
+    x = np.asarray(values, dtype=np.float64)
     sums: Floats = np.zeros(1)
     chances: Floats = np.ones(1)
     for value in np.abs(x):
         sums, place = np.unique(np.round([sums - value, sums + value], 9), return_inverse=True)
-        refuse(len(sums) > _MOST_SUMS, f"values must have at most {_MOST_SUMS} different sums, got more")
         chances = np.bincount(place.ravel(), np.tile(0.5 * chances, 2)).astype(np.float64)
     seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
     return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[sums >= seen - slack]))))
-
-
-def finite_values(values: ArrayLike) -> Floats:
-    """The values as one row of finite numbers; otherwise ValueError."""
-    x = np.asarray(values, dtype=np.float64)
-    refuse(x.ndim != 1 or len(x) == 0, f"values must be one row with at least one value, got shape {x.shape}")
-    refuse(not np.all(np.isfinite(x)), "values must be finite, got nan or infinity")
-    return x
 
 
 # Points of the search for an end of an interval; larger d' do not differ in double precision.
@@ -625,12 +604,15 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     scores = np.array([c.score / c.trials for c in counts]) * scale
     above, mean = np.array([c.score - 0.5 * c.trials for c in counts]), float(np.mean(scores))
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
-    interval = None
-    if sem is not None:
-        wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, len(counts) - 1)) * sem
-        interval = (max(0.0, mean - wide), min(scale, mean + wide))
+    interval = None if sem is None else _mean_interval(mean, sem, len(counts), scale, level)
     tests = (t_test(above if trials else scores - 0.5), sign_flip_test(above))
     return GroupScore(len(counts), trials, mean, sem, 0.5 * scale, interval, level, tests)
+
+
+def _mean_interval(mean: float, sem: float, n: int, most: float, level: float) -> tuple[float, float]:
+    """The t interval of a mean score over n subjects, cut at the ends of the scale."""
+    wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, n - 1)) * sem
+    return max(0.0, mean - wide), min(most, mean + wide)
 
 
 def task_of_all(counts: Sequence[Counts]) -> TaskName:
@@ -765,16 +747,18 @@ def group_score_from(
         not 0.0 <= rounding < sem < math.inf,
         f"sem must be above rounding, which is at least 0, got {sem} and {rounding}",
     )
-    chance, freedom = 0.5 * trials, n - 1
+    chance = 0.5 * trials
     t = (mean - chance) / sem
     corners = [
         (mean + a * rounding - chance) / (sem + b * rounding) for a in (-1.0, 1.0) for b in (-1.0, 1.0)
     ]
-    wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, freedom)) * sem
-    interval = (max(0.0, mean - wide), min(float(trials), mean + wide))
+    interval = _mean_interval(mean, sem, n, float(trials), level)
     p = mean / trials
     noise, spread = trials * p * (1.0 - p), sem * math.sqrt(n)
     between = max(0.0, spread**2 - noise) / (trials * (trials - 1))
+    # The variance by chance is largest at the mean nearest to the middle, and smallest at one of the ends.
+    ends = mean - rounding, mean + rounding
+    noises = [max(0.0, x * (1.0 - x / trials)) for x in (*ends, min(max(chance, ends[0]), ends[1]))]
     return PublishedScore(
         task=task,
         mean=mean,
@@ -783,7 +767,7 @@ def group_score_from(
         n=n,
         trials=trials,
         t=t,
-        p_value=float(scipy.stats.t.sf(t, freedom)),
+        p_value=float(scipy.stats.t.sf(t, n - 1)),
         t_range=(min(corners), max(corners)),
         interval=interval,
         level=level,
@@ -796,7 +780,10 @@ def group_score_from(
         spread=spread,
         binomial_spread=math.sqrt(noise),
         spread_p_value=_spread_p(spread, noise, n),
-        spread_p_range=_spread_p_range(mean, sem, rounding, n, trials),
+        spread_p_range=(
+            _spread_p((sem + rounding) * math.sqrt(n), min(noises), n),
+            _spread_p((sem - rounding) * math.sqrt(n), max(noises), n),
+        ),
         guessers=between / (between + (p - 0.5) ** 2) if between > 0.0 else 0.0,
     )
 
@@ -812,16 +799,6 @@ def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
 def _spread_p(spread: float, noise: float, n: int) -> float:
     # There is no noise only at a mean of 0 or of all trials.
     return 0.0 if noise == 0.0 else float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
-
-
-def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
-    # The variance by chance is largest at the mean nearest to the middle, and smallest at one of the ends.
-    ends = mean - rounding, mean + rounding
-    noises = [max(0.0, x * (1.0 - x / trials)) for x in (*ends, min(max(0.5 * trials, ends[0]), ends[1]))]
-    return (
-        _spread_p((sem + rounding) * math.sqrt(n), min(noises), n),
-        _spread_p((sem - rounding) * math.sqrt(n), max(noises), n),
-    )
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
 """The input of an analysis, and the results of a task: its subjects and the group, with scores or thresholds."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Generic, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 import scipy
@@ -125,9 +124,10 @@ class TaskData:
     def select(self, subjects: Sequence[str] | None, selected_from: int | None, by: str) -> "TaskData":
         """The task with these subjects only, by default all; `selected_from` becomes `of`, if known."""
         known = [subject.subject for subject in self.subjects]
-        text = isinstance(subjects, str)
         refuse(
-            text, f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}", TypeError
+            isinstance(subjects, str),
+            f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}",
+            TypeError,
         )
         unknown = [name for name in subjects or () if name not in known]
         refuse(
@@ -153,103 +153,11 @@ class TaskData:
         )
 
 
-def tasks_of(
-    runs: Iterable[Answers] | CountsBySubject | CountsByTask, *, simulated: bool = False
-) -> list[TaskData]:
-    """The tasks in answers, in order of appearance, or in a mapping, by name.
-
-    Raises
-    ------
-    ValueError
-        If there is no subject, a task has two kinds or designs, or a subject has it twice.
-    TypeError
-        If an item is neither Answers nor, in a mapping, Counts.
-    """
-    by_task: dict[str, dict[str, Counts | Answers]] = {}
-    if isinstance(runs, Mapping):
-        refuse(not runs, "data must hold a subject, got none")
-        nested = all(isinstance(subjects, Mapping) for subjects in runs.values())
-        by_task = cast(Any, runs if nested else {"": runs})
-    for answers in () if isinstance(runs, Mapping) else runs:
-        refuse(
-            not isinstance(answers, Answers),
-            f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}",
-            TypeError,
-        )
-        subjects = by_task.setdefault(answers.name, {})
-        refuse(answers.subject in subjects, f"subject {answers.subject} has task {answers.name} twice")
-        subjects[answers.subject] = answers
-    return [_task(str(name), subjects, simulated) for name, subjects in by_task.items()]
-
-
-def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
-    refuse(not subjects, f"task {name} must hold a subject, got none")
-    for subject, source in subjects.items():
-        refuse(
-            not isinstance(source, (Counts, Answers)),
-            f"subject {subject} must have Counts or Answers, got {type(source).__name__}",
-            TypeError,
-        )
-    task, *others = dict.fromkeys(source.task for source in subjects.values())
-    refuse(others, f"task {name} must be of one kind, got {', '.join(sorted([task, *others]))}")
-    designs = {x: source.design for x, source in subjects.items() if isinstance(source, Answers)}
-    first = next(iter(designs), "")
-    for subject, design in designs.items():
-        refuse(
-            design != designs[first],
-            f"task {name} of subject {subject} has another design than that of subject {first}",
-        )
-    group = [
-        replace(_subject(source), subject=str(subject))
-        if isinstance(source, Answers)
-        else SubjectData(str(subject), source, simulated=simulated)
-        for subject, source in subjects.items()
-    ]
-    return TaskData(name or task, task, tuple(group), designs.get(first, {}))
-
-
-def _subject(answers: Answers) -> SubjectData:
-    return SubjectData(
-        answers.subject,
-        answers.counts() if answers.main else None,
-        None
-        if answers.trials is None
-        else answers.trials
-        - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch"))
-        - sum(row.lost and row.phase == "main" for row in answers.rows),
-        answers.simulated,
-        level_counts(answers.main),
-        answers,
-    )
-
-
 def level_counts(rows: Iterable[AnswerRow]) -> tuple[tuple[float, int, int], ...]:
     """(level, correct answers, trials) of the rows that have a level, by level."""
     answered = [(row.level, row.correct) for row in rows if row.level is not None]
     trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
     return tuple((level, right[level], trials[level]) for level in sorted(trials))
-
-
-def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
-    """The tasks with the selection of their subjects; `selected_by` maps subject to text.
-
-    The number of subjects before selection is `selected_from` of the protocol in the side-cars, or else part
-    of a text such as "best 12 of 20".
-    """
-    selected_tasks = []
-    for task in tasks:
-        texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
-        text = "; ".join(filter(None, texts))
-        numbers = re.search(r"\bbest (\d+) of (\d+)\b", text, re.IGNORECASE)
-        settings = [subject.protocol.get("experiment", {}) for subject in task.subjects]
-        selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
-        # Subjects may be added while the experiment runs.
-        chosen, of = max(selections, default=(int(numbers[1]), int(numbers[2])) if numbers else (0, 0))
-        n = len(task.subjects)
-        selected_tasks.append(
-            replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
-        )
-    return selected_tasks
 
 
 def design_text(design: Mapping[str, Any]) -> str:
@@ -537,7 +445,7 @@ class ScoredTask(TaskResult[SubjectResult]):
     @classmethod
     def of_data(
         cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
-        progress: Progress | None = None,
+        progress: Progress,
     ) -> "ScoredTask":  # fmt: skip
         """The result of the task; incomplete runs are left out unless `incomplete`."""
         used = [subject for subject in data.subjects if subject.counts and (incomplete or subject.complete)]
@@ -684,14 +592,13 @@ class ScoredTask(TaskResult[SubjectResult]):
 
 
 def _results(
-    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, task: str, progress: Progress | None
+    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, task: str, progress: Progress
 ) -> tuple[SubjectResult, ...]:
     counts = [subject.counts for subject in used if subject.counts is not None]
     p_values = [binomial_test(subject) for subject in counts]
     subject_results = []
     for subject, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
-        if progress is not None:
-            progress(task, subject.subject)
+        progress(task, subject.subject)
         bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
         subject_results.append(
             SubjectResult(
@@ -787,15 +694,14 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
 
     @classmethod
     def of_data(
-        cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
+        cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress
     ) -> "ThresholdTask":
         """The result of the task; incomplete runs are left out unless `incomplete`."""
         design = design_of_dict(data.design) if data.design else None
         results = []
         for subject in data.subjects:
             if subject.counts:
-                if progress is not None:
-                    progress(data.name, subject.subject)
+                progress(data.name, subject.subject)
                 results.append(_threshold(subject, design, level))
         return cls(**shared(data, level, [result for result in results if incomplete or result.complete]))
 

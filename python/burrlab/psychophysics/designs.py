@@ -309,11 +309,11 @@ class Draws:
 
     def shuffled(self, values: Sequence[T]) -> list[T]:
         """The values in random order, all orders equally likely (Fisher and Yates)."""
-        result = list(values)
-        for last in range(len(result) - 1, 0, -1):
+        order = list(values)
+        for last in range(len(order) - 1, 0, -1):
             other = self.below(last + 1)
-            result[last], result[other] = result[other], result[last]
-        return result
+            order[last], order[other] = order[other], order[last]
+        return order
 
     def interval_seed(self) -> int:
         """A 64-bit seed that these draws have not given yet."""

@@ -430,8 +430,11 @@ class _Watch:
     def look(self) -> None:
         while self._reader is not None:
             records, lost = self._reader.take(_MOST)
-            slow = "records of the interval were lost: this program was too slow to take them"
-            refuse(lost, slow, RuntimeError)
+            refuse(
+                lost,
+                "records of the interval were lost: this program was too slow to take them",
+                RuntimeError,
+            )
             if len(records):
                 self._keep(records)
             if self.ended:

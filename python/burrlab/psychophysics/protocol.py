@@ -130,8 +130,9 @@ class TomlTable:
     def done(self) -> None:
         """Raises ValueError if the table has a key that was never asked for."""
         for key in self._values:
-            unknown = f"unknown key {shown(key)}; known are {', '.join(self._known)}"
-            self.refuse(key not in self._known, unknown)
+            self.refuse(
+                key not in self._known, f"unknown key {shown(key)}; known are {', '.join(self._known)}"
+            )
 
     def error(self, sentence: object) -> ValueError:
         """A ValueError with the table's place before the sentence."""
@@ -200,8 +201,10 @@ def _at_references(
     for place in range(len(factors)):
         for name in apart:
             numbers = options[name]
-            wrong = len(numbers) != len(factors) or not numbers[place].is_integer()
-            refuse(wrong, f"{name} must be a whole number, or one for each of references, got {numbers}")
+            refuse(
+                len(numbers) != len(factors) or not numbers[place].is_integer(),
+                f"{name} must be a whole number, or one for each of references, got {numbers}",
+            )
         design = kind(**{**options, **{name: int(options[name][place]) for name in apart}})
         yield list(design.around(factors, direction))[place]
 
@@ -547,9 +550,9 @@ class Protocol:
         file.done()
         for task, design in protocol.tasks.items():
             if isinstance(design, ComparisonDesign) and design.boundary is not None:
-                deep = design.boundary[1] >= bone.size[2]
                 file.refuse(
-                    deep, f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep"
+                    design.boundary[1] >= bone.size[2],
+                    f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
                 )
         return protocol
 

@@ -312,10 +312,8 @@ class PsychometricFit:
         return math.exp(-difference if self.side == "below" else difference)
 
 
-_MANY_LEVELS, _FEW_TRIALS = (
-    25,
-    5,
-)  # psignifit's own criteria of an adaptive procedure, whose levels do not span a range
+#: psignifit's own criteria of an adaptive procedure, whose levels do not span a range.
+_MANY_LEVELS, _FEW_TRIALS = 25, 5
 #: ln(-ln 0.05) - ln(-ln 0.95): the exponent of a Weibull function times psignifit's width in the logarithm.
 _WIDTH_TIMES_SLOPE = math.log(-math.log(0.05)) - math.log(-math.log(0.95))
 _BOUND = re.compile(r"boundWarning.*<(\w+)>.* at the (lower|upper) bound", re.DOTALL)

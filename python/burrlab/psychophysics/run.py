@@ -881,8 +881,11 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
         return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
     if device.kind in ("igtl", "vrpn"):  # each interval has its own connection
         return lambda mode: open_device(device, protocol.lost_after)
-    scripted = device.kind == "scripted"
-    opened = burrlab.read_script(device.file) if scripted else open_device(device, protocol.lost_after)
+    opened = (
+        burrlab.read_script(device.file)
+        if device.kind == "scripted"
+        else open_device(device, protocol.lost_after)
+    )
     return lambda mode: opened
 
 

@@ -672,8 +672,10 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
     )
     parameters = inspect.signature(DESIGNS[kind]).parameters
     for name, parameter in parameters.items():
-        missing = parameter.default is inspect.Parameter.empty and key_of(name) not in values
-        refuse(missing, f"design {kind} needs {name}, which is missing")
+        refuse(
+            parameter.default is inspect.Parameter.empty and key_of(name) not in values,
+            f"design {kind} needs {name}, which is missing",
+        )
     present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
     try:
         options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
@@ -683,6 +685,4 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
 
 
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:
-    if values.get("real"):
-        return Stimulus(values["name"])
-    return Stimulus(values["name"], material_of(values, values["material"]))
+    return Stimulus(values["name"], None if values.get("real") else material_of(values, values["material"]))

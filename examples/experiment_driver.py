@@ -21,8 +21,7 @@ import numpy as np
 
 import burrlab
 from burrlab.psychophysics.protocol import Protocol
-from burrlab.psychophysics.run import DeviceLost, Sitting
-from burrlab.psychophysics.seat import TerminalSeat
+from burrlab.psychophysics.run import DeviceLost, Sitting, TerminalSeat
 
 
 class Hardware:

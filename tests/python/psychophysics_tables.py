@@ -18,8 +18,7 @@ from group_scenes import (
 )
 
 from burrlab.psychophysics import design_power, psychometric_function
-from burrlab.psychophysics.group import conditional_hits, group_tails
-from burrlab.psychophysics.published import unbiased_d_prime
+from burrlab.psychophysics.group import conditional_hits, group_tails, unbiased_d_prime
 from burrlab.psychophysics.rules import RULES, rule_of
 from burrlab.psychophysics.staircase import gaussian_correct
 from reference import psychophysics as reference

@@ -18,7 +18,7 @@ from burrlab.psychophysics import (
     analyse,
     group_score_from,
 )
-from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
+from burrlab.psychophysics.task_results import SubjectThreshold, ThresholdTask
 
 RULES = ("independent-observations", "differencing")
 

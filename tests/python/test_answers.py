@@ -335,7 +335,7 @@ def test_rows_survive_the_file(data):
         )
         rows.append(row)
     head = ("\t".join(columns_of(task)) + "\n").encode()
-    found = read_rows("x", head + b"".join(as_text(row, task) for row in rows), task)
+    found = read_rows("x", head + b"".join(as_text(row, columns_of(task)) for row in rows), task)
     assert [row for _, row in found.rows] == rows
 
 

@@ -15,7 +15,7 @@ import burrlab.cli.experiment as cli_experiment
 import burrlab.cli.options as cli_options
 from burrlab.cli import main
 from burrlab.psychophysics import DeviceLost, Protocol, SimulatedSeat, read_folder
-from burrlab.psychophysics.seat import Experimenter
+from burrlab.psychophysics.run import Experimenter
 
 CONFIG = """
 [experiment]

@@ -13,8 +13,8 @@ from scipy.special import xlogy
 from scipy.stats import binom
 
 from burrlab.psychophysics.rules import RULES, TASKS, Counts, rule_of
-from burrlab.psychophysics.scored_task import holm
 from burrlab.psychophysics.sensitivity import Outcomes, binomial_test, d_prime, exact_p_value, score_interval
+from burrlab.psychophysics.task_results import holm
 from reference import psychophysics as reference
 from reference.enumeration import (
     D_PRIMES,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from burrlab import Burr, Material, materials, mean_field_descent
-from burrlab.psychophysics.designs import ABX, Draws, FixedOrder, SameDifferent, counterbalanced
+from burrlab.psychophysics.designs import ABX, Draws, FixedOrder, SameDifferent, Stimulus, counterbalanced
 from burrlab.psychophysics.psychometric import ThresholdPosterior, proportion_correct
 from burrlab.psychophysics.staircase import (
     AdaptiveStaircase,
@@ -23,7 +23,6 @@ from burrlab.psychophysics.staircase import (
     gaussian_correct,
     gaussian_difference,
 )
-from burrlab.psychophysics.trial import Stimulus
 
 BONE, PETTIGREW, PVC = (Stimulus(name, materials[name]) for name in ("bone", "pettigrew", "pvc"))
 REAL = Stimulus("real Pettigrew")
@@ -480,12 +479,12 @@ NEAR, FAR = math.log(1.02), math.log(2.0)
 
 
 def measure(draws, proportion, trials):
-    """The posterior's summary after an adaptive staircase with an observer."""
+    """The posterior's threshold after an adaptive staircase with an observer."""
     posterior = ThresholdPosterior(NEAR, FAR)
     for _ in range(trials):
         difference = posterior.most_informative()
         posterior.update(difference, draws.random() < proportion(difference))
-    return posterior.summary()
+    return posterior.threshold(1.0, trials)
 
 
 def test_the_function_by_hand():
@@ -544,8 +543,8 @@ def covered(runs, trials, seed):
             draws.choice(np.geomspace(0.7, 4.0, 9)),
             draws.choice(lapses, p=weights / weights.sum()),
         )
-        low, high = measure(draws, lambda x, t=truth: proportion_correct(x, *t), trials)["interval"]
-        count += low <= truth[0] <= high
+        low, high = measure(draws, lambda x, t=truth: proportion_correct(x, *t), trials).interval
+        count += low <= math.exp(truth[0]) <= high
     return count
 
 
@@ -568,9 +567,9 @@ def test_intervals_hold_the_threshold_of_a_gaussian_observer(threshold):
     """Without a Weibull function and with a fixed threshold Bayes promises nothing, so the limit is 0.93."""
     draws, truth = np.random.default_rng(3), math.log(threshold)
     found = [measure(draws, lambda x: gaussian_correct(x, truth), 60) for _ in range(1000)]
-    count = sum(low <= truth <= high for low, high in (one["interval"] for one in found))
+    count = sum(low <= threshold <= high for low, high in (one.interval for one in found))
     assert binom.cdf(count, 1000, 0.93) > FALSE_ALARMS
-    assert abs(np.mean([math.log(one["threshold"] / truth) for one in found])) < 0.1
+    assert abs(np.mean([math.log(one.difference / truth) for one in found])) < 0.1
 
 
 REFERENCE = {"reference": BONE, "parameter": "c_e"}

@@ -22,7 +22,7 @@ from session_scenes import refused
 import burrlab
 from burrlab.cli import main
 from burrlab.psychophysics import Protocol, SameDifferent, Stimulus, read_answers
-from burrlab.psychophysics.seat import Keyboard, TerminalSeat
+from burrlab.psychophysics.run import Keyboard, TerminalSeat
 
 SUBJECT, TASK = "01", "one"
 CONFIG = """

@@ -10,11 +10,10 @@ from answer_scenes import SMALL, protocol
 from session_scenes import refused
 
 import burrlab
-from burrlab.psychophysics.designs import ABX, SameDifferent
+from burrlab.psychophysics.designs import ABX, SameDifferent, Stimulus, key_of
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol, template
 from burrlab.psychophysics.side_car import columns_of
 from burrlab.psychophysics.staircase import DESIGNS, design_of_dict
-from burrlab.psychophysics.trial import Stimulus, key_of
 from burrlab.session.exchange import DeviceText, parse_address, parse_device
 
 ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)

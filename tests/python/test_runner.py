@@ -24,8 +24,7 @@ from burrlab.psychophysics import (
     read_answers,
     render,
 )
-from burrlab.psychophysics.run import DeviceLost, LoopStalled, Runner, Sitting
-from burrlab.psychophysics.seat import Experimenter, Seat
+from burrlab.psychophysics.run import DeviceLost, Experimenter, LoopStalled, Runner, Seat, Sitting
 
 BURR = burrlab.Burr(3.0)
 BONE, PVC, PETTIGREW = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc", "pettigrew"))

@@ -26,7 +26,7 @@ from burrlab.psychophysics import (
     subjects_for_slope,
 )
 from burrlab.psychophysics.analysis import Analysis, group_lines
-from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
+from burrlab.psychophysics.task_results import SubjectThreshold, ThresholdTask
 
 REFERENCES = np.geomspace(0.5, 8.0, 5)
 

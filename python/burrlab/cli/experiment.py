@@ -27,16 +27,13 @@ from burrlab.common.files import write_text
 from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse, write_rows
 from burrlab.psychophysics.answers import read_folder, trial_rows
-from burrlab.psychophysics.designs import has_boundary
+from burrlab.psychophysics.designs import MODES, has_boundary
 from burrlab.psychophysics.observer import SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
 from burrlab.psychophysics.psychometric import PsychometricFit
 from burrlab.psychophysics.rehearsal import SimulatedSeat, default_subject
-from burrlab.psychophysics.run import DeviceLost, Sitting
-from burrlab.psychophysics.scored_task import ScoredTask
-from burrlab.psychophysics.seat import Seat, TerminalSeat
-from burrlab.psychophysics.threshold_task import ThresholdTask
-from burrlab.psychophysics.trial import MODES
+from burrlab.psychophysics.run import DeviceLost, Seat, Sitting, TerminalSeat
+from burrlab.psychophysics.task_results import ScoredTask, ThresholdTask
 
 
 def do_new(options: Options) -> None:

@@ -2,11 +2,12 @@
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import IO, Any, ClassVar, Self, TypeAlias
+from typing import IO, Any, ClassVar, Self, TypeAlias, cast
 
 import scipy
 
@@ -30,20 +31,21 @@ from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
-from burrlab.psychophysics.scored_task import (
+from burrlab.psychophysics.sensitivity import DPrime
+from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
+from burrlab.psychophysics.task_results import (
     CountsBySubject,
     CountsByTask,
     Progress,
     ScoredTask,
+    SubjectData,
     SubjectResult,
+    SubjectThreshold,
     TaskData,
+    ThresholdTask,
     design_text,
-    tasks_of,
-    with_selection,
+    level_counts,
 )
-from burrlab.psychophysics.sensitivity import DPrime
-from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
-from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 from burrlab.psychophysics.weber import SensitivityFunction, WeberFraction, usable
 
 Task: TypeAlias = ScoredTask | ThresholdTask
@@ -342,8 +344,7 @@ class Analysis(InJson):
             if task.subjects:
                 sentences = [*(f"  {line}" for line in legend(task)), "", *group_lines(task)]
                 lines += ["", *tables_lines(columns(task), width), *wrapped_lines(sentences, width)]
-        for line in sensitivity_lines(self.sensitivity_functions()):
-            lines += wrapped_lines([line], width)
+        lines += wrapped_lines(sensitivity_lines(self.sensitivity_functions()), width)
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -473,7 +474,7 @@ def analyse(
     """
     if isinstance(data, (str, os.PathLike)) and (Path(data).suffix == ".toml" or Path(data).is_file()):
         data = Protocol.read(data)
-    name, tasks = _tasks_of(data, simulated)
+    name, tasks = _experiment_of(data, simulated)
     refuse(not tasks, "data must hold answers, got none")
     settings, notes = AnalysisSettings(), list[str]()
     if isinstance(data, Protocol):
@@ -486,7 +487,9 @@ def analyse(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
         subjects=None if subjects is None else list(subjects), incomplete=incomplete,
     )  # fmt: skip
-    options: dict[str, Any] = {"level": settings.level, "incomplete": incomplete, "progress": progress}
+    options: dict[str, Any] = {
+        "level": settings.level, "incomplete": incomplete, "progress": progress or (lambda task, subject: None),
+    }  # fmt: skip
     results = tuple(
         ThresholdTask.of_data(task, **options)
         if any(subject.levels for subject in task.subjects)
@@ -545,7 +548,7 @@ def _settled(
     return replace(settings, **{name: value for name, value in overrides.items() if value is not None})
 
 
-def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
+def _experiment_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
     """The experiment's name, empty for answers or counts, and its tasks."""
     if not isinstance(data, (Protocol, str, os.PathLike)):
         refuse(
@@ -553,16 +556,103 @@ def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
             f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}",
             TypeError,
         )
-        return "", tasks_of(data, simulated=simulated)
+        return "", _tasks_of(data, simulated=simulated)
     folder = data.folder if isinstance(data, Protocol) else Path(data)
     rows = ExperimentFolder(folder, "").participants().items()
     selected_by = {
         subject: row["selected_by"] for subject, row in rows if row.get("selected_by", NOTHING) != NOTHING
     }
-    tasks = with_selection(tasks_of(read_folder(folder)), selected_by)
+    tasks = [_with_selection(task, selected_by) for task in _tasks_of(read_folder(folder))]
     if isinstance(data, Protocol):
         return data.name, sorted(tasks, key=lambda task: (*data.tasks, task.name).index(task.name))
     return folder.resolve().name, tasks
+
+
+def _tasks_of(
+    runs: Iterable[Answers] | CountsBySubject | CountsByTask, *, simulated: bool = False
+) -> list[TaskData]:
+    """The tasks in answers, in order of appearance, or in a mapping, by name.
+
+    Raises
+    ------
+    ValueError
+        If there is no subject, a task has two kinds or designs, or a subject has it twice.
+    TypeError
+        If an item is neither Answers nor, in a mapping, Counts.
+    """
+    by_task: dict[str, dict[str, Counts | Answers]] = {}
+    if isinstance(runs, Mapping):
+        refuse(not runs, "data must hold a subject, got none")
+        nested = all(isinstance(subjects, Mapping) for subjects in runs.values())
+        by_task = cast(Any, runs if nested else {"": runs})
+    for answers in () if isinstance(runs, Mapping) else runs:
+        refuse(
+            not isinstance(answers, Answers),
+            f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}",
+            TypeError,
+        )
+        subjects = by_task.setdefault(answers.name, {})
+        refuse(answers.subject in subjects, f"subject {answers.subject} has task {answers.name} twice")
+        subjects[answers.subject] = answers
+    return [_task(str(name), subjects, simulated) for name, subjects in by_task.items()]
+
+
+def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
+    refuse(not subjects, f"task {name} must hold a subject, got none")
+    for subject, source in subjects.items():
+        refuse(
+            not isinstance(source, (Counts, Answers)),
+            f"subject {subject} must have Counts or Answers, got {type(source).__name__}",
+            TypeError,
+        )
+    task, *others = dict.fromkeys(source.task for source in subjects.values())
+    refuse(others, f"task {name} must be of one kind, got {', '.join(sorted([task, *others]))}")
+    designs = {x: source.design for x, source in subjects.items() if isinstance(source, Answers)}
+    first = next(iter(designs), "")
+    for subject, design in designs.items():
+        refuse(
+            design != designs[first],
+            f"task {name} of subject {subject} has another design than that of subject {first}",
+        )
+    group = [
+        replace(_subject(source), subject=str(subject))
+        if isinstance(source, Answers)
+        else SubjectData(str(subject), source, simulated=simulated)
+        for subject, source in subjects.items()
+    ]
+    return TaskData(name or task, task, tuple(group), designs.get(first, {}))
+
+
+def _subject(answers: Answers) -> SubjectData:
+    return SubjectData(
+        answers.subject,
+        answers.counts() if answers.main else None,
+        None
+        if answers.trials is None
+        else answers.trials
+        - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch"))
+        - sum(row.lost and row.phase == "main" for row in answers.rows),
+        answers.simulated,
+        level_counts(answers.main),
+        answers,
+    )
+
+
+def _with_selection(task: TaskData, selected_by: Mapping[str, str]) -> TaskData:
+    """The task with the selection of its subjects; `selected_by` maps subject to text.
+
+    The number of subjects before selection is `selected_from` of the protocol in the side-cars, or else part
+    of a text such as "best 12 of 20".
+    """
+    texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
+    text = "; ".join(filter(None, texts))
+    numbers = re.search(r"\bbest (\d+) of (\d+)\b", text, re.IGNORECASE)
+    settings = [subject.protocol.get("experiment", {}) for subject in task.subjects]
+    selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
+    # Subjects may be added while the experiment runs.
+    chosen, of = max(selections, default=(int(numbers[1]), int(numbers[2])) if numbers else (0, 0))
+    n = len(task.subjects)
+    return replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
 
 
 def _notes_on_trials(tasks: Iterable[TaskData]) -> list[str]:

@@ -17,7 +17,7 @@ from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
-from burrlab.psychophysics.designs import PARAMETER_KEYS
+from burrlab.psychophysics.designs import PARAMETER_KEYS, Order
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
@@ -30,7 +30,6 @@ from burrlab.psychophysics.side_car import (
     read_side_car,
     side_car_path,
 )
-from burrlab.psychophysics.trial import Order
 
 if TYPE_CHECKING:
     import pandas
@@ -367,9 +366,10 @@ def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> No
 def _labels(file: str, car: SideCar | None, options: Mapping[str, str | None]) -> dict[str, Any]:
     """Subject, name and task by the options, or from the side-car, or from the name of another program's file."""
     match = re.fullmatch(
-        r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv", os.path.basename(file)
+        r"sub-(?P<subject>[A-Za-z0-9]+)_(?:.*_)?task-(?P<name>[A-Za-z0-9]+)(?:_.*)?\.tsv",
+        os.path.basename(file),
     )
-    named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
+    named = match.groupdict() if match else {}
     labels: dict[str, Any] = {}
     for key, value in options.items():
         known = named.get(key) if car is None else getattr(car, key)
@@ -505,8 +505,9 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
                 os.ftruncate(file, 0)
                 return cls._begin(path, file, side_car)
             if changes := first.differences(side_car):
-                reason = in_one_line("; ".join(changes), 2000)
-                raise ValueError(f"{path}: the protocol was changed since the run began: {reason}")
+                raise ValueError(
+                    f"{path}: the protocol was changed since the run began: {in_one_line('; '.join(changes), 2000)}"
+                )
             file_bytes = path.read_bytes()
             reader, content, torn = read_own_rows(os.fspath(path), file_bytes, first.task)
             columns = _checked_columns(path, content, first)
@@ -559,7 +560,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         """
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
-        line = as_text(answer, self.side_car.task, self._columns)
+        line = as_text(answer, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
         try:
             # Parsed as it will be read: no row is written that cannot be read back.
@@ -594,14 +595,13 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
     expected, columns = side_car.columns, table.parse(os.fspath(path), content).columns
     needed = {"boundary", "reached"}  # no version wrote such a task without
-    if columns == tuple(x for x in expected if x in columns or x in needed or not is_optional(x)):
-        return columns  # of an earlier version
-    pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
-    for place, (was, now) in enumerate(pairs, start=1):
-        refuse(
-            was != now,
+    # An earlier version wrote fewer.
+    if columns != tuple(x for x in expected if x in columns or x in needed or not is_optional(x)):
+        pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
+        place, (was, now) = next(pair for pair in enumerate(pairs, start=1) if pair[1][0] != pair[1][1])
+        raise ValueError(
             f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, "
-            f"is now {now}",
+            f"is now {now}"
         )
     return columns
 

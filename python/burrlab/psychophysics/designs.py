@@ -1,4 +1,4 @@
-"""The designs same-different and ABX, the base of comparisons, and the orders of their trials.
+"""Stimuli, intervals and trials; the designs same-different and ABX; the base of comparisons; orders of trials.
 
 An order is balanced, random, and depends only on seed, subject and design. An interrupted run must resume
 with the same trials. So the draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every
@@ -8,28 +8,219 @@ version of NumPy, and a shuffle of this module, because NumPy's may change.
 import hashlib
 import json
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
 from burrlab._core import Material
+from burrlab.bone.materials import constants_of
 from burrlab.common.check import refuse, require_type
-from burrlab.common.records import law_of
 from burrlab.psychophysics.power import design_power
-from burrlab.psychophysics.rules import one_of, whole
-from burrlab.psychophysics.trial import (
-    MODES,
-    Boundary,
-    Interval,
-    Mode,
-    Order,
-    Phase,
-    Stimulus,
-    TaskDesign,
-    Trial,
-)
+from burrlab.psychophysics.rules import TaskName, one_of, whole
+from burrlab.theory.continuum import Law
+
+Mode: TypeAlias = Literal["probing", "drilling"]
+Phase: TypeAlias = Literal["practice", "main", "catch"]
+
+MODES: tuple[Mode, ...] = ("probing", "drilling")
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """The material that an interval presents.
+
+    Attributes
+    ----------
+    name : str
+        As in the answer file.
+    material : Material or None
+        Material to render; None for a real specimen, outside the program.
+    """
+
+    name: str
+    material: Material | None = None
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Where another material begins, parallel to the surface.
+
+    Attributes
+    ----------
+    depth : float
+        Below the surface [mm]. A voxel belongs to the side of its centre.
+    below : Material
+        Of the shape and exponents of the material above.
+    """
+
+    depth: float
+    below: Material
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One presentation of a stimulus.
+
+    Attributes
+    ----------
+    stimulus : Stimulus
+        With a boundary, the material above it.
+    seed : int
+        Seed of the erosion; each interval has its own.
+    duration : float or None
+        [s]; None if the subject ends the interval.
+    boundary : Boundary or None
+    """
+
+    stimulus: Stimulus
+    seed: int
+    duration: float | None
+    boundary: Boundary | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One question.
+
+    Attributes
+    ----------
+    number : int
+        In its phase, from 1.
+    phase : {"practice", "main", "catch"}
+        A catch trial stands among the main ones, is easy, and tells of lapses alone.
+    block : int
+        From 1; practice is block 0.
+    trial_type : str
+        Same-different: AA, AB, BA, BB. ABX: AB, BA, the order of the alternatives after the reference. Two
+        intervals: RC, CR, the order of reference (R) and comparison (C), which has any boundary.
+    intervals : tuple of Interval
+        In the order of presentation.
+    correct : str
+        The correct answer.
+    level : float or None
+        The comparison's parameter over the reference's (constant stimuli and staircases).
+    """
+
+    number: int
+    phase: Phase
+    block: int
+    trial_type: str
+    intervals: tuple[Interval, ...]
+    correct: str
+    level: float | None = None
+
+
+def key_of(name: str) -> str:
+    """The key of a design's parameter in files; times and depths carry their unit."""
+    return name + {"interval": "_s", "reference_interval": "_s", "boundary": "_mm"}.get(name, "")
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, Stimulus):
+        return list(value) if isinstance(value, tuple) else value
+    if (material := value.material) is None:
+        return {"name": value.name, "real": True}
+    return {
+        "name": value.name,
+        "material": material.name,
+        **constants_of(material),
+    }
+
+
+class TaskDesign(ABC):
+    """A task that one subject does in trials.
+
+    Attributes
+    ----------
+    task : {"same-different", "abx", "2ifc"}
+    mode : {"probing", "drilling"}
+        Whether the burr is off or on.
+    question : str
+        Asked after the last interval.
+    answers : tuple of str
+        The possible responses, in the order of their keys.
+    practice : int
+        Trials before those that count.
+    blocks : int
+    """
+
+    task: TaskName
+    mode: Mode
+    question: str
+    answers: tuple[str, ...]
+    practice: int
+    blocks: int
+    _kind: ClassVar[str]  # the design's name in files
+    _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
+    #: Later parameters with their defaults, which files leave out, so that orders are what they were.
+    _since: ClassVar[Mapping[str, Any]] = {"catch": 0, "boundary": None, "foil": "either"}
+
+    @abstractmethod
+    def order(self, *, seed: int, subject: str) -> "Order":
+        """The trials of one subject, which depend only on the design, the seed and the subject's name."""
+
+    @abstractmethod
+    def power(self, subjects: int = 1) -> str:
+        """A few lines on what the design can show, before anybody takes part."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The whole design, for JSON and `design_of_dict`."""
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
+        return {
+            "design": self._kind,
+            **{
+                key_of(name): _plain(getattr(self, name))
+                for name in (*names, *self._derived)
+                if name not in self._since or getattr(self, name) != self._since[name]
+            },
+        }
+
+
+class Order(ABC):
+    """The trials of one subject, in order; those of a staircase depend on the answers.
+
+    Attributes
+    ----------
+    answered : list of (Trial, str)
+        Answered trials with their responses, in order.
+    lost : set of int
+        Places in `answered` of those that do not count.
+    """
+
+    def __init__(self, answers: tuple[str, ...]) -> None:
+        self.answered: list[tuple[Trial, str]] = []
+        self.lost: set[int] = set()
+        self._answers = answers
+
+    @property
+    @abstractmethod
+    def total(self) -> int:
+        """Trials in all, practice included; for a staircase, the maximum."""
+
+    @abstractmethod
+    def next(self) -> Trial | None:
+        """The next trial, which stays the same until it is answered; None at the end."""
+
+    def answer(self, response: str, *, lost: bool = False) -> None:
+        """Records the response to the next trial; one that is `lost` moves no staircase.
+
+        Raises
+        ------
+        ValueError
+            If the response is not one of the design's answers, or no trial is left.
+        """
+        if (trial := self.next()) is None:
+            raise ValueError(f"there is no trial left to answer, got {response!r}")
+        one_of("response", response, self._answers)
+        self.lost |= {len(self.answered)} if lost else set()
+        self.answered.append((trial, response))
+
+    def counted(self) -> list[tuple[Trial, str]]:
+        """Answered trials of the main phase that count."""
+        return [x for i, x in enumerate(self.answered) if x[0].phase == "main" and i not in self.lost]
 
 
 def seconds(name: str, value: float) -> float:
@@ -118,11 +309,11 @@ class Draws:
 
     def shuffled(self, values: Sequence[T]) -> list[T]:
         """The values in random order, all orders equally likely (Fisher and Yates)."""
-        result = list(values)
-        for last in range(len(result) - 1, 0, -1):
+        order = list(values)
+        for last in range(len(order) - 1, 0, -1):
             other = self.below(last + 1)
-            result[last], result[other] = result[other], result[last]
-        return result
+            order[last], order[other] = order[other], order[last]
+        return order
 
     def interval_seed(self) -> int:
         """A 64-bit seed that these draws have not given yet."""
@@ -427,20 +618,20 @@ class ComparisonDesign(TaskDesign):
             len(along) != 2 or along[self.parameter == "alpha"] == 0.0,
             f"direction must be two numbers, along ln c_e and ln alpha, that move {self.parameter}, got {along}",
         )
-        material, law = self._material, law_of(self._material)
         where = f"{self.parameter} " if direction is None else ""
         for factor in factors:
-            c_e, alpha = (getattr(material, name) * factor**x for name, x in zip(UNITS, along, strict=True))
-            name = f"{self.reference.name} {where}x{factor:.6g}"
-            source = f"{material.name} times {factor:.17g}**{along} in c_e and alpha"
-            moved = Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
-            yield self if factor == 1.0 else replace(self, reference=Stimulus(name, moved))
+            c_e, alpha = (
+                getattr(self._material, name) * factor**x for name, x in zip(UNITS, along, strict=True)
+            )
+            source = f"times {factor:.17g}**{along} in c_e and alpha"
+            moved = self._moved(f"{where}x{factor:.6g}", c_e, alpha, source)
+            yield self if factor == 1.0 else replace(self, reference=moved)
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
         level = checked_level("level", level)
-        c_e, alpha = self._constants(level)
-        return self._varied("", level, c_e, alpha, f"with {self.parameter} times {level:.17g}; {self.held}")
+        source = f"with {self.parameter} times {level:.17g}; {self.held}"
+        return self._moved(f"{self.parameter} x{level:.6g}", *self._constants(level), source)
 
     def _constants(self, level: float) -> tuple[float, float]:
         """c_e and alpha of a level."""
@@ -449,22 +640,18 @@ class ComparisonDesign(TaskDesign):
             return c_e, alpha * level
         return c_e * level, alpha * level**self._exponent if self.hold == "sinking speed" else alpha
 
-    def _varied(self, where: str, level: float, c_e: float, alpha: float, source: str) -> Stimulus:
-        name = f"{self.reference.name} {where}{self.parameter} x{level:.6g}"
-        material, law = self._material, law_of(self._material)
-        source = f"{material.name} {source}"
-        return Stimulus(
-            name, Material(name, c_e=c_e, alpha=alpha, shape=material.shape, source=source, **law)
-        )
+    def _moved(self, where: str, c_e: float, alpha: float, source: str) -> Stimulus:
+        """A stimulus of the reference's law with other constants."""
+        name, material = f"{self.reference.name} {where}", self._material
+        return Stimulus(name, Law.of(material).material(c_e, alpha, name, f"{material.name} {source}"))
 
     def middle(self, level: float) -> Stimulus:
         """The foil between the bones above and below a boundary."""
         (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
         p, mean = self._exponent, math.sqrt(c_e * c_e_below)
         slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
-        return self._varied(
-            "between ", level, mean, mean**p / slowness, f"and its level {level:.17g}, between"
-        )
+        where, source = f"between {self.parameter} x{level:.6g}", f"and its level {level:.17g}, between"
+        return self._moved(where, mean, mean**p / slowness, source)
 
     def sinks_faster(self, level: float) -> bool:
         """Whether the burr sinks faster in a level's comparison than in the reference."""

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Device, Material, RecordReader, Tissue, Tissues, VoxelBone
 from burrlab.bone.recipe import BlockRecipe, BoneRecipe, LayeredRecipe, VolumeBlockRecipe, VolumeRecipe
 from burrlab.common.check import check_positive, refuse
-from burrlab.common.records import law_of
-from burrlab.psychophysics.trial import MODES, Boundary, Interval, Mode
+from burrlab.psychophysics.designs import MODES, Boundary, Interval, Mode
 from burrlab.session.session import Session
 from burrlab.session.settings import Clock, Safety, StartingBone
+from burrlab.theory.continuum import Law
 
 _LEAST_VOXELS = 4.0  # least radius of a burr, as in the tick
 
@@ -410,14 +410,7 @@ def _material(interval: Interval, mode: Mode) -> Material:
         )
     if mode == "drilling":
         return material
-    return Material(
-        material.name,
-        c_e=material.c_e,
-        alpha=0.0,
-        shape=material.shape,
-        source=material.source,
-        **law_of(material),
-    )
+    return Law.of(material).material(material.c_e, 0.0, material.name, material.source)
 
 
 class _Watch:
@@ -437,8 +430,11 @@ class _Watch:
     def look(self) -> None:
         while self._reader is not None:
             records, lost = self._reader.take(_MOST)
-            slow = "records of the interval were lost: this program was too slow to take them"
-            refuse(lost, slow, RuntimeError)
+            refuse(
+                lost,
+                "records of the interval were lost: this program was too slow to take them",
+                RuntimeError,
+            )
             if len(records):
                 self._keep(records)
             if self.ended:

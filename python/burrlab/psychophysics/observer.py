@@ -13,9 +13,9 @@ import numpy as np
 
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
+from burrlab.psychophysics.designs import Boundary, Interval, Mode, Stimulus, Trial
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.rules import ANSWERS, Floats, RuleName, TaskName, one_of, rule_of
-from burrlab.psychophysics.trial import Boundary, Interval, Mode, Stimulus, Trial
+from burrlab.psychophysics.rules import ANSWERS, LAPSE, Floats, RuleName, TaskName, one_of, rule_of
 
 PROBING_PUSH = 1.5  # peak push of a press [N]; ours
 PRESSES = 0.5  # presses per second, ten in 20 s; ours
@@ -285,7 +285,6 @@ def _log_mean(values: list[float]) -> float:
 Decision: TypeAlias = Literal["differencing", "covert"]
 
 DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
-LAPSE = 0.02  # share of random answers; ours
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,18 @@ from burrlab.common.check import refuse, shown
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
-from burrlab.psychophysics.designs import ComparisonDesign, counterbalanced
+from burrlab.psychophysics.designs import (
+    ComparisonDesign,
+    Order,
+    Stimulus,
+    TaskDesign,
+    counterbalanced,
+    key_of,
+)
 from burrlab.psychophysics.interval import Block, VolumeBlock
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
-from burrlab.psychophysics.trial import Order, Stimulus, TaskDesign, key_of
 from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
 
@@ -124,8 +130,9 @@ class TomlTable:
     def done(self) -> None:
         """Raises ValueError if the table has a key that was never asked for."""
         for key in self._values:
-            unknown = f"unknown key {shown(key)}; known are {', '.join(self._known)}"
-            self.refuse(key not in self._known, unknown)
+            self.refuse(
+                key not in self._known, f"unknown key {shown(key)}; known are {', '.join(self._known)}"
+            )
 
     def error(self, sentence: object) -> ValueError:
         """A ValueError with the table's place before the sentence."""
@@ -194,8 +201,10 @@ def _at_references(
     for place in range(len(factors)):
         for name in apart:
             numbers = options[name]
-            wrong = len(numbers) != len(factors) or not numbers[place].is_integer()
-            refuse(wrong, f"{name} must be a whole number, or one for each of references, got {numbers}")
+            refuse(
+                len(numbers) != len(factors) or not numbers[place].is_integer(),
+                f"{name} must be a whole number, or one for each of references, got {numbers}",
+            )
         design = kind(**{**options, **{name: int(options[name][place]) for name in apart}})
         yield list(design.around(factors, direction))[place]
 
@@ -541,9 +550,9 @@ class Protocol:
         file.done()
         for task, design in protocol.tasks.items():
             if isinstance(design, ComparisonDesign) and design.boundary is not None:
-                deep = design.boundary[1] >= bone.size[2]
                 file.refuse(
-                    deep, f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep"
+                    design.boundary[1] >= bone.size[2],
+                    f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
                 )
         return protocol
 

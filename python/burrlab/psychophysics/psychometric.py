@@ -92,11 +92,8 @@ class ThresholdPosterior:
         information = entr(p) + entr(1.0 - p) - self._entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
-    def summary(self, level: float = 0.95) -> dict[str, Any]:
-        """Geometric mean and equal-tailed interval of the threshold, means of slope and lapse rate, ends.
-
-        "at_ends" is the threshold's density at the ends of the grid over the largest density.
-        """
+    def threshold(self, side: float, trials: int, level: float = 0.95) -> "PosteriorThreshold":
+        """The geometric mean and the interval of the threshold, as ratios above 1 (side 1) or below 1 (side -1)."""
         weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
         marginal = weights.sum(axis=(1, 2))
         logs = np.log(self.thresholds)
@@ -106,13 +103,17 @@ class ThresholdPosterior:
         mass = marginal * width / (marginal * width).sum()
         below = np.concatenate([[0.0], np.cumsum(mass)])
         tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
-        return {
-            "threshold": math.exp(float(mass @ (0.5 * (edges[1:] + edges[:-1])))),
-            "interval": tuple(float(np.exp(np.interp(tail, below, edges))) for tail in tails),
-            "slope": math.exp(float(weights.sum(axis=(0, 2)) @ np.log(_SLOPES))),
-            "lapse": float(weights.sum(axis=(0, 1)) @ _LAPSES),
-            "at_ends": (float(marginal[0] / marginal.max()), float(marginal[-1] / marginal.max())),
-        }
+        near, far = (float(np.exp(np.interp(tail, below, edges))) for tail in tails)
+        difference = math.exp(float(mass @ (0.5 * (edges[1:] + edges[:-1]))))
+        # True where a likelihood interval would extend beyond the grid
+        low, high = marginal[[0, -1]] / marginal.max() > math.exp(-0.5 * scipy.stats.chi2.ppf(level, 1))
+        return PosteriorThreshold(
+            level=math.exp(side * difference), interval=(math.exp(side * near), math.exp(side * far)),
+            credible=level, difference=difference,
+            slope=math.exp(float(weights.sum(axis=(0, 2)) @ np.log(_SLOPES))),
+            lapse=float(weights.sum(axis=(0, 1)) @ _LAPSES), trials=trials,
+            open_below=bool(low), open_above=bool(high),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -153,21 +154,6 @@ class PosteriorThreshold:
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} "
             f"and {far:.3g} ({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
-
-
-def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:
-    """The threshold of a posterior, as a ratio above 1 (side 1) or below 1 (side -1)."""
-    summary = posterior.summary(level)
-    near, far = summary["interval"]
-    # True where a likelihood interval would extend beyond the grid
-    low, high = (
-        density > math.exp(-0.5 * float(scipy.stats.chi2.ppf(level, 1))) for density in summary["at_ends"]
-    )
-    return PosteriorThreshold(
-        level=math.exp(side * summary["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
-        credible=level, difference=summary["threshold"], slope=summary["slope"], lapse=summary["lapse"],
-        trials=trials, open_below=bool(low), open_above=bool(high),
-    )  # fmt: skip
 
 
 _MOST_BARS = 12  # most levels that are drawn with intervals
@@ -326,10 +312,8 @@ class PsychometricFit:
         return math.exp(-difference if self.side == "below" else difference)
 
 
-_MANY_LEVELS, _FEW_TRIALS = (
-    25,
-    5,
-)  # psignifit's own criteria of an adaptive procedure, whose levels do not span a range
+#: psignifit's own criteria of an adaptive procedure, whose levels do not span a range.
+_MANY_LEVELS, _FEW_TRIALS = 25, 5
 #: ln(-ln 0.05) - ln(-ln 0.95): the exponent of a Weibull function times psignifit's width in the logarithm.
 _WIDTH_TIMES_SLOPE = math.log(-math.log(0.05)) - math.log(-math.log(0.95))
 _BOUND = re.compile(r"boundWarning.*<(\w+)>.* at the (lower|upper) bound", re.DOTALL)

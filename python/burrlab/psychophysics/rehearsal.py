@@ -12,13 +12,22 @@ import scipy
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
 from burrlab.common.check import refuse
-from burrlab.psychophysics.designs import ABX, ComparisonDesign, Draws
+from burrlab.psychophysics.designs import (
+    ABX,
+    MODES,
+    ComparisonDesign,
+    Draws,
+    Interval,
+    Mode,
+    Order,
+    TaskDesign,
+    Trial,
+)
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
     CUES,
     CUES_OF,
     DECISIONS,
-    LAPSE,
     CueName,
     Cues,
     Decision,
@@ -29,9 +38,8 @@ from burrlab.psychophysics.observer import (
 )
 from burrlab.psychophysics.power import DesignPower, Observer, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
-from burrlab.psychophysics.seat import Seat
-from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, TaskDesign, Trial
+from burrlab.psychophysics.rules import LAPSE, Counts, RuleName, TaskName, counts_of, one_of, rule_of
+from burrlab.psychophysics.run import Seat
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one
@@ -91,12 +99,17 @@ def rehearse(
     [11, 12]
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
-    all_counts = []
-    for number in range(1, subjects + 1):
-        order = rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
-        main = [(trial.trial_type, response, trial.correct) for trial, response in order.counted()]
-        all_counts.append(counts_of(design.task, main))
-    return all_counts
+    orders = (
+        rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
+        for number in range(1, subjects + 1)
+    )
+    return [
+        counts_of(
+            design.task,
+            [(trial.trial_type, response, trial.correct) for trial, response in order.counted()],
+        )
+        for order in orders
+    ]
 
 
 def rehearsed_order(
@@ -589,9 +602,8 @@ class SimulatedSeat(Seat):
         self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
-        draws = _draws(self._seed, self._name, design, trial)
-        towards = _towards_boundary(design, trial, cues)
-        return self._subject.respond(trial, towards, np.random.default_rng(draws.interval_seed())), None
+        rng = _rng(self._seed, self._name, design, trial)
+        return self._subject.respond(trial, _towards_boundary(design, trial, cues), rng), None
 
     def progress(self, text: str) -> None:
         self._on_progress(text)
@@ -636,12 +648,12 @@ class PsychometricSeat(Seat):
             raise ValueError("design must vary a parameter for an observer with a set psychometric function")
         threshold = self._threshold(getattr(design.reference.material, design.parameter))
         p = proportion_correct(abs(math.log(trial.level)), threshold, self._slope, self._lapse)
-        draws = np.random.default_rng(_draws(self._seed, self._name, design, trial).interval_seed())
         (other,) = {*design.answers} - {trial.correct}
-        return trial.correct if draws.random() < p else other, None
+        draw = _rng(self._seed, self._name, design, trial).random()
+        return trial.correct if draw < p else other, None
 
 
-def _draws(seed: int, name: str, design: TaskDesign, trial: Trial) -> Draws:
+def _rng(seed: int, name: str, design: TaskDesign, trial: Trial) -> np.random.Generator:
     """A simulated subject's draws in a trial, whenever it is asked."""
     what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
-    return Draws(seed, name, {"simulated": what})
+    return np.random.default_rng(Draws(seed, name, {"simulated": what}).interval_seed())

@@ -27,6 +27,8 @@ TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
 RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
 #: Keys of the answers, unless a protocol has others.
 KEYS = "12"
+#: Share of random answers of an observer, where nothing else is said (ours).
+LAPSE = 0.02
 #: Answers in the order of their keys.
 ANSWERS: Mapping[TaskName, tuple[str, str]] = {
     "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),

@@ -8,10 +8,10 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri, gammaln, xlogy
+from scipy.special import chdtri, xlogy
 
 from burrlab.common.check import refuse
-from burrlab.psychophysics.group import task_of_all
+from burrlab.psychophysics.group import log_choose, task_of_all
 from burrlab.psychophysics.rules import (
     Counts,
     Floats,
@@ -176,10 +176,9 @@ _TEST_HALVINGS = 16  # between two points of the scan: 1e-5 of d'
 def binomial(trials: int, log_rate: Floats, log_other: Floats) -> Floats:
     """Probabilities of 0 to `trials` answers, one row for each rate."""
     k = np.arange(trials + 1.0)
-    ways = gammaln(trials + 1.0) - gammaln(k + 1.0) - gammaln(trials - k + 1.0)
     # at most one of a rate's logarithms is -inf; 0 times it must be 0
     log_rate, log_other = (np.maximum(x, -1e300)[..., None] for x in (log_rate, log_other))
-    return np.asarray(np.exp(ways + k * log_rate + (trials - k) * log_other))
+    return np.asarray(np.exp(log_choose(trials, k) + k * log_rate + (trials - k) * log_other))
 
 
 def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:

@@ -17,10 +17,10 @@ import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
+from burrlab.psychophysics.designs import Phase, Trial
 from burrlab.psychophysics.interval import ENDINGS, Rendered
 from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
-from burrlab.psychophysics.trial import Phase, Trial
 
 INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: Types of trials and the correct answer, if the type alone decides it.
@@ -125,8 +125,8 @@ class AnswerRow:
 
     def fields(self) -> dict[str, Any]:
         """Values by column."""
-        named = {**vars(self), "correct": int(self.correct)}
-        named["reached"] = None if self.reached is None else int(self.reached)
+        reached = None if self.reached is None else int(self.reached)
+        named = {**vars(self), "correct": int(self.correct), "reached": reached}
         for column, name in _NUMBERED.items():
             named |= {f"{column}_{place}": value for place, value in enumerate(named.pop(name), start=1)}
         return named
@@ -154,10 +154,10 @@ def is_optional(column: str) -> bool:
     return _unnumbered(column) in _OPTIONAL
 
 
-def as_text(row: AnswerRow, task: TaskName, columns: Sequence[str] = ()) -> bytes:
-    """The line of a row in a file with these columns, by default all."""
+def as_text(row: AnswerRow, columns: Sequence[str]) -> bytes:
+    """The line of a row in a file with these columns."""
     fields = row.fields()
-    values = [fields.get(column) for column in columns or columns_of(task)]
+    values = [fields.get(column) for column in columns]
     endless = [value for value in values if isinstance(value, float) and not math.isfinite(value)]
     refuse(endless, f"a number must be finite, got {', '.join(map(repr, endless))}")
     return table.line([table.tsv_text(value) for value in values])
@@ -396,13 +396,8 @@ class SideCar:
     provenance: Mapping[str, Any] = field(default_factory=lambda: table.json_mapping(provenance()))
 
     def __post_init__(self) -> None:
-        given = {name: getattr(self, name) for name in ("design", "protocol", "provenance", "simulated")}
-        vars(self).update({name: table.json_mapping(x) for name, x in given.items() if x is not None})
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the protocol."""
-        return digest(self.protocol)
+        names = ("design", "protocol", "provenance") + ("simulated",) * (self.simulated is not None)
+        vars(self).update({name: table.json_mapping(getattr(self, name)) for name in names})
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -456,7 +451,7 @@ class SideCar:
             "Answers": list(ANSWERS[self.task]),
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
-            "ProtocolDigest": self.digest,
+            "ProtocolDigest": digest(self.protocol),
             **descriptions(self.columns, self.task, self.protocol.get("experiment", {}).get("keys", KEYS)),
         }
 
@@ -481,7 +476,7 @@ class SideCar:
         refuse(zone is None, f"Started must be a time with its zone, got {started!r}")
         car = cls(**options, simulated=simulated)
         refuse(
-            values.get("ProtocolDigest") != car.digest,
+            values.get("ProtocolDigest") != digest(car.protocol),
             "ProtocolDigest does not belong to the Protocol beside it: one of them was changed",
         )
         car._check_against_protocol()

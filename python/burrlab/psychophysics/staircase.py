@@ -20,17 +20,21 @@ from burrlab.psychophysics.designs import (
     ComparisonDesign,
     Draws,
     FixedDesign,
+    Order,
+    Phase,
     SameDifferent,
+    Stimulus,
+    TaskDesign,
+    Trial,
     checked_answers,
     checked_level,
+    key_of,
 )
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
-    threshold_of,
 )
-from burrlab.psychophysics.rules import rule_of, whole
-from burrlab.psychophysics.trial import Order, Phase, Stimulus, TaskDesign, Trial, key_of
+from burrlab.psychophysics.rules import LAPSE, rule_of, whole
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -191,7 +195,7 @@ class Staircase(Staircased):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = Staircase(Stimulus("bone", materials["bone"]), "c_e", down=3)
     >>> f"{design.target:.3f}"
     '0.794'
@@ -407,7 +411,7 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = ConstantStimuli(Stimulus("bone", materials["bone"]), "c_e", [1.1, 1.3, 1.6], repeats=10)
     >>> design.question
     'In which interval was the material stiffer, the first or the second?'
@@ -442,7 +446,7 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
             for difference in differences:
                 right = sum(answers(difference) for _ in range(self.repeats))
                 posterior.update(difference, right, self.repeats)
-            return posterior.summary()["threshold"], self.trials
+            return posterior.threshold(1.0, self.trials).difference, self.trials
 
         return (
             f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each\n"
@@ -494,7 +498,7 @@ class AdaptiveStaircase(Staircased):
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = AdaptiveStaircase(Stimulus("bone", materials["bone"]), "c_e", trials=30)
     >>> order = design.order(seed=1, subject="01")
     >>> while (trial := order.next()) is not None:
@@ -548,7 +552,7 @@ class AdaptiveStaircase(Staircased):
                 f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}",
             )
             posterior.update(abs(math.log(ratio)), right)
-        return threshold_of(posterior, side, len(levels), level)
+        return posterior.threshold(side, len(levels), level)
 
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
@@ -577,13 +581,12 @@ class AdaptiveTrack:
         self._difference = self.posterior.most_informative()
 
     def threshold(self) -> PosteriorThreshold:
-        return threshold_of(self.posterior, self._side, self._trials - self._left, 0.95)
+        return self.posterior.threshold(self._side, self._trials - self._left)
 
 
 #: An observer: whether the answer at a difference |ln level| is correct.
 Answers: TypeAlias = Callable[[float], bool]
 
-LAPSE = 0.02
 _RUNS = 200
 _D_PRIME = float(rule_of("2ifc", "independent-observations").invert(0.75, 0.25)[0])  # 0.954 at threshold
 
@@ -657,7 +660,7 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
     Examples
     --------
     >>> from burrlab import materials
-    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> from burrlab.psychophysics.designs import Stimulus
     >>> design = SameDifferent(*(Stimulus(name, materials[name]) for name in ("bone", "pvc")))
     >>> design_of_dict(design.to_dict()).to_dict() == design.to_dict()
     True
@@ -669,8 +672,10 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
     )
     parameters = inspect.signature(DESIGNS[kind]).parameters
     for name, parameter in parameters.items():
-        missing = parameter.default is inspect.Parameter.empty and key_of(name) not in values
-        refuse(missing, f"design {kind} needs {name}, which is missing")
+        refuse(
+            parameter.default is inspect.Parameter.empty and key_of(name) not in values,
+            f"design {kind} needs {name}, which is missing",
+        )
     present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
     try:
         options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
@@ -680,6 +685,4 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
 
 
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:
-    if values.get("real"):
-        return Stimulus(values["name"])
-    return Stimulus(values["name"], material_of(values, values["material"]))
+    return Stimulus(values["name"], None if values.get("real") else material_of(values, values["material"]))

@@ -21,7 +21,7 @@ from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawi
 from burrlab.common.table import Tabular, p_text
 from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS
 from burrlab.psychophysics.group import check_level
-from burrlab.psychophysics.psychometric import ThresholdPosterior, threshold_of
+from burrlab.psychophysics.psychometric import ThresholdPosterior
 from burrlab.psychophysics.rules import Floats
 
 #: Force. Pang, Tan, Durlach, *Manual discrimination of force using active finger motion*, Perception &
@@ -119,7 +119,7 @@ class WeberFraction:
         posterior = ThresholdPosterior(min(distances) / _BEYOND, max(distances) * _BEYOND)
         for difference, correct, trials in rows:
             posterior.update(abs(difference), correct, trials)
-        threshold = threshold_of(posterior, sides.pop(), sum(trials for _, _, trials in rows), 0.95)
+        threshold = posterior.threshold(sides.pop(), sum(trials for _, _, trials in rows))
         near, fraction, far = (
             abs(x - 1.0) for x in (threshold.interval[0], threshold.level, threshold.interval[1])
         )
@@ -302,8 +302,9 @@ class SensitivityFunction(Tabular):
         curved, curvature, equal = usable(rows, 3), None, None
         if curved:
             parabolas, errors, *_ = _regression(curved, center, 2)
-            bends = [2.0 * line[2] for line in parabolas.values()]
-            curvature = GroupMean.of(bends, 4.0 * errors[:, 2, :, 2], level)
+            curvature = GroupMean.of(
+                [2.0 * line[2] for line in parabolas.values()], 4.0 * errors[:, 2, :, 2], level
+            )
         if all(row.force for row in used):
             beside, errors, _, _, sessions_beside = _regression(used, center, 1, force=True)
             if sessions_beside >= sessions:
@@ -504,8 +505,7 @@ def subjects_for_slope(
     t = scipy.stats.t.ppf(0.975, n - 1)
     power = scipy.stats.nct.sf(t, n - 1, apart / (math.sqrt(2.0) * sd) * np.sqrt(n))
     known, distinct = n[np.less_equal(t * sd / np.sqrt(n), half_width)], n[np.greater_equal(power, 0.8)]
-    beyond = min(len(known), len(distinct)) == 0
-    refuse(beyond, "half_width and apart must be within reach of 10 000 subjects")
+    refuse(not (len(known) and len(distinct)), "half_width and apart must be within reach of 10 000 subjects")
     return int(known[0]), int(distinct[0])
 
 

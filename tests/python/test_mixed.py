@@ -121,6 +121,17 @@ class TestVariances:
         assert effect.levels[:2] == ("day 0", "day 1")
         assert effect.interval.lower < 0.1 < effect.interval.upper
 
+    def test_days_that_are_alike_may_still_differ(self):
+        """Four days whose scatter adds up to nothing in each: the deviation's interval is not 0 to 0."""
+        random, forces = np.random.default_rng(3), np.geomspace(0.4, 2.4, 6)
+        scatter = [random.permutation([0.06, -0.06, 0.03, -0.03, 0.07, -0.07]) for _ in range(4)]
+        v = np.tile(burrlab.Law().velocity(forces, 2.1, 0.09, 3.0), 4) * np.exp(np.ravel(scatter))
+        days = {"day": np.repeat(["a", "b", "c", "d"], 6).tolist()}
+        (effect,) = burrlab.fit(burrlab.VelocityCurve(np.tile(forces, 4), v, radius=3.0, groups=days)).effects
+        widest = np.std(scatter) * np.sqrt((0.025 ** (-2 / 3) - 1) / 6)  # the pivot above 0, of 3 and 6 rows
+        assert (effect.deviation, effect.interval.lower) == (0, 0)
+        assert effect.interval.upper == pytest.approx(widest, rel=0.1)
+
     def test_pressed_rows_tell_c_e_of_their_specimens(self):
         """Four specimens of c_e 15 % apart; the days do not move a burr that stands still."""
         c_e = BONE.c_e * np.exp([-0.2, -0.05, 0.1, 0.15])

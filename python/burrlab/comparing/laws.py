@@ -12,7 +12,7 @@ from scipy import special
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, shown
-from burrlab.common.progress import Progress, counter
+from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.comparing.law_comparison import Exponent, LawComparison, LawRow, Parting
 from burrlab.fitting.diagnostics import HypothesisTest, concluded
@@ -438,6 +438,7 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     return tuple(tests)
 
 
+@doing("laws")
 def compare_laws(
     data: Data | Sequence[Data],
     burr: Burr | None = None,

@@ -522,7 +522,7 @@ class MixedEvidence:
             MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
                 None if component.sought else float(np.sqrt(effect2)),
-                _deviation_interval(likelihood.linear, equations, block) if component.deviation is None else None,
+                _deviation_interval(likelihood.linear, equations, block, float(np.sqrt(effect2))) if component.deviation is None else None,
                 tuple(values[block].tolist()), tuple(errors[block].tolist()),
                 max(freedom, 1.0) if len(estimated) else np.inf,
             )
@@ -660,12 +660,15 @@ def _span(interval: Interval) -> str:
     return f"{low} to {_size(interval.upper)}"
 
 
-def _deviation_interval(model: LinearModel, equations: MixedEquations, block: slice) -> Interval:
+def _deviation_interval(
+    model: LinearModel, equations: MixedEquations, block: slice, estimate: float
+) -> Interval:
     """95 % interval of a standard deviation between levels, by a generalised pivot.
 
     Beside all other effects as parameters, the level's part of the rows is u ~ N(0, sigma^2 + tau^2 lambda_i), and
     the rest S ~ sigma^2 chi^2_f. The pivot solves sum u_i^2/(sigma^2 + tau^2 lambda_i) = chi^2_k, with sigma^2 =
-    S/chi^2_f.
+    S/chi^2_f. Where the levels differ by less than their scatter, so that 97.5 % of its distribution are at 0, the
+    upper end is that of the part above 0 (ours). The interval takes in the estimate, which weighs the rows otherwise.
 
     References
     ----------
@@ -687,20 +690,22 @@ def _deviation_interval(model: LinearModel, equations: MixedEquations, block: sl
     if not len(u2) or freedom < 1:
         return Interval(0.0, None)
     chi2 = special.chdtri(freedom, (np.arange(_WEIGHTS) + 0.5) / _WEIGHTS)
+    u2 = np.maximum(u2, 1e-6 * S / freedom)  # levels that are all alike
 
-    def below(deviation: float) -> float:
-        """Probability that the pivot lies below."""
+    def above(deviation: float) -> float:
+        """Probability that the pivot lies above."""
         shares = u2 / (S / chi2[:, None] + deviation**2 * size)
-        return float(np.mean(special.chdtrc(len(u2), shares.sum(axis=1))))
+        return float(np.mean(special.chdtr(len(u2), shares.sum(axis=1))))
 
-    def end(p: float) -> float | None:
-        if below(0.0) >= p:
+    def end(p: float) -> float:
+        if above(0.0) <= p:
             return 0.0
         high = 1.0
-        while below(high) < p:
+        while above(high) > p:
             if high > _WIDEST:
-                return None
+                return np.inf
             high *= 2
-        return float(scipy.optimize.brentq(lambda x: below(x) - p, 0.0, high))
+        return float(scipy.optimize.brentq(lambda x: above(x) - p, 0.0, high))
 
-    return Interval(end(0.025), end(0.975))
+    upper = max(end(0.025 * (above(0.0) if above(0.0) <= 0.025 else 1.0)), estimate)
+    return Interval(min(end(0.975), estimate), None if upper == np.inf else upper)

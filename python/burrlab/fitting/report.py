@@ -116,10 +116,12 @@ def scatter(fit: FitRecord, part: RowScatter) -> str:
 def variable_rows(fit: FitRecord) -> list[list[str]]:
     """Name, value, the three intervals, start and bounds of each variable."""
     begin = dict(zip(_UNITS, fit.best.start, strict=True))
+    good = None if fit.evidence is None else fit.evidence.goodness
+    remark = ", one of many" if fit._on_ridge else ", contradicted" if good is not None and good.poor else ""
     return [
         [
             name,
-            f"{getattr(fit, name):.5g} {unit}{', one of many' if fit._on_ridge else ''}",
+            f"{getattr(fit, name):.5g} {unit}{remark}",
             *(verdict.span(interval) for interval in fit.intervals[name].values()),
             f"{begin[name]:.4g}",
             f"{low:.4g} .. {high:.4g}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -96,7 +96,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     if len(pressed):
         r = drawn("force", fitted.pressed_residuals(item.c_e))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
-    drawn_again = Likelihood(o.with_outcomes(v, pressed), item.residual_kind, fitted.model)
+    drawn_again = fitted.of_rows(replace(o, velocity=v, pressed=pressed), fitted.model)
     return lowest(drawn_again, domain).point
 
 
@@ -207,7 +207,7 @@ def redrawn_effects(
         z = scatter["force"] * random.standard_normal(len(pressed))
         pressed = pressed + z * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(z)
     keep = np.isfinite(velocity)
-    return o.with_outcomes(np.where(keep, velocity, 1.0), pressed).kept(keep)
+    return replace(o, velocity=np.where(keep, velocity, 1.0), pressed=pressed).kept(keep)
 
 
 def _redrawn_levels(item: MixedItem, random: np.random.Generator) -> Observations:

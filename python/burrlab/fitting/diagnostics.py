@@ -6,18 +6,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
 from burrlab.fitting.calibration import AnyCalibration
-from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import Domain, Interval, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT
 
 Point: TypeAlias = tuple[float, float]
 ORDER = 0.01  # level of the tests of order and scatter together, by Holm (ours)
@@ -653,37 +653,13 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
     keep = np.arange(len(likelihood.observations.force)) != row
     try:
         o = likelihood.observations.kept(keep)
-        model = likelihood.model
-        few = (
-            MeanFieldModel(o, model.shape)
-            if isinstance(model, MeanFieldModel)
-            else _RemainingRows(model, keep, model.shape, model.law)
-        )
-        rest = likelihood.of_rows(o, few)
+        rest = likelihood.of_rows(o, likelihood.model.kept(o, keep))
         domain = Domain.of(rest, bounds_of(o, bounds), bounds)
     except ValueError:  # too few forces are left
         return _NO_FIT
     best = lowest(rest, domain).point
     evidence = ranges(rest, rest.calibration(*best), domain, best, 0.0)
     return *best, evidence.intervals["c_e"]["95"]
-
-
-@dataclass(frozen=True)
-class _RemainingRows:
-    """A model of some of its rows."""
-
-    model: Model
-    keep: NDArray[np.bool_]
-    shape: Shape
-    law: Law
-
-    def unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
-        return self.model.unit(c_e)[..., self.keep]
-
-    def log_unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
-        return self.model.log_unit(c_e)[..., self.keep]
 
 
 @dataclass(frozen=True)

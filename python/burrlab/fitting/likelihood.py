@@ -9,14 +9,13 @@ Three kinds of rows scatter independently of one another:
 A scatter is estimated, unless sigma is given: -2 log L is taken at the best scatters.
 """
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
@@ -46,6 +45,9 @@ class Model(Protocol):
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """Logarithm of `unit`."""
 
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "Model":
+        """The model of some of its rows, which the observations hold."""
+
 
 class MeanFieldModel:
     """Predictions by the scaling law v = alpha (F/1 N)^m R Psi(phi, window; f) (docs/model.md, section 5).
@@ -56,15 +58,6 @@ class MeanFieldModel:
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
         self._curve, self.shape = MasterCurve(shape), shape
-        self._arrange(observations)
-
-    def for_rows(self, observations: Observations) -> "MeanFieldModel":
-        """The same model of other rows."""
-        other = copy.copy(self)
-        other._arrange(observations)
-        return other
-
-    def _arrange(self, observations: Observations) -> None:
         self._n = len(observations.force)
         self.law = Law(self.shape, observations.force_exponent, observations.rate_exponent)
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
@@ -78,6 +71,10 @@ class MeanFieldModel:
             self._groups.append((start, end, pressure, scales, rows, inverse))
             self.prediction[rows] = n_groups + inverse
             n_groups += len(pressure)
+
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "MeanFieldModel":
+        """See `Model`."""
+        return MeanFieldModel(observations, self.shape)
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
@@ -201,7 +198,7 @@ class Likelihood:
             if not isinstance(model, MeanFieldModel):
                 raise ValueError("runs that were too slow need the mean-field engine")
             slow = observations.slow_rows()
-            self._slow = model.for_rows(slow), np.log(slow.velocity)
+            self._slow = MeanFieldModel(slow, model.shape), np.log(slow.velocity)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
         if (
@@ -242,8 +239,9 @@ class Likelihood:
             tables.append(LinearRows(name, known, J, r, n, at, drift))
         return tables
 
-    def of_rows(self, observations: Observations, model: Model) -> "Likelihood":
-        """The same kind of likelihood of other rows."""
+    def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
+        """The same kind of likelihood of other rows, in the mean field unless with a model."""
+        model = model or MeanFieldModel(observations, self.model.shape)
         return Likelihood(observations, self.kind, model, self.beliefs)
 
     @property

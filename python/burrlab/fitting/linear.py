@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab.common.check import nearest, real, refuse, shown
 from burrlab.fitting.calibration import MixedCalibration
-from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows, MeanFieldModel
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows
 from burrlab.fitting.observations import Floats, Group, Observations, Rows
 from burrlab.theory.continuum import WINDOW_STOP
 
@@ -159,11 +159,7 @@ def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Fl
         u = np.append(shifts[block], 0.0)  # a level of -1 has none
         if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
-    return (
-        likelihood
-        if o is likelihood.observations
-        else likelihood.of_rows(o, MeanFieldModel(o, likelihood.model.shape))
-    )
+    return likelihood if o is likelihood.observations else likelihood.of_rows(o)
 
 
 def blocks_of(components: Sequence[Component]) -> list[slice]:
@@ -267,8 +263,7 @@ class Slopes:
         }
         v_steps, p_steps = steps[quantity]
         for sign in (1, -1):
-            there = o.moved(quantity, sign * v_steps, sign * p_steps)
-            self.beside.append(likelihood.of_rows(there, MeanFieldModel(there, likelihood.model.shape)))
+            self.beside.append(likelihood.of_rows(o.moved(quantity, sign * v_steps, sign * p_steps)))
         self._steps = [
             (p_steps if rows.name == "force" else v_steps)[rows.at] if len(rows.at) else np.ones(len(rows.r))
             for rows in tables

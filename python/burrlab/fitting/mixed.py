@@ -252,7 +252,7 @@ class MixedLikelihood(Likelihood):
                 shifts[column], moved[column] = 0.0, by
             if min(there.force.min(), there.radius.min()) <= 0:
                 continue
-            likelihood = plain.of_rows(there, MeanFieldModel(there, plain.model.shape))
+            likelihood = plain.of_rows(there)
             slopes = {
                 x.quantity: Slopes(
                     likelihood, x.quantity, model.rows, None if x.sought else narrow * (x.deviation or 0.0)
@@ -359,7 +359,7 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`: the weighted sum of squares."""
         return max(float(self.at(c_e).minus2(alpha)[0]), 0.0)
 
-    def of_rows(self, observations: Observations, model: Model) -> Likelihood:
+    def of_rows(self, observations: Observations, model: Model | None = None) -> Likelihood:
         """See `Likelihood`; at the same variances and offsets."""
         plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
         components = [component.of_rows(observations) for component in self.components]

@@ -256,10 +256,6 @@ class Observations:
             pressed_depth=self.pressed_depth + pressed,
         )  # fmt: skip
 
-    def with_outcomes(self, velocity: Floats, pressed: Floats) -> "Observations":
-        """The same experiment with other outcomes."""
-        return replace(self, velocity=velocity, pressed=pressed)
-
     def taken(self, velocity: Rows, pressed: Rows, *, run: Rows, groups: tuple[Group, ...]) -> "Observations":
         """Some rows, which may come more than once, with other runs and groups; `rows` stays."""
         columns: dict[str, Any] = {name: getattr(self, name)[velocity] for name in _VELOCITY}

@@ -93,7 +93,7 @@ def without_levels(
         keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
         try:
             o = plain.observations.kept(keep)
-            rest = plain.of_rows(o, MeanFieldModel(o, plain.model.shape))
+            rest = plain.of_rows(o)
             components, box = [x.of_rows(o) for x in fitted.components], bounds_of(o, None)
             mixed, _ = at_best_variances(rest, components, fitted.point, (box.lower[0], box.upper[0]))
             domain = Domain.of(mixed, bounds_of(mixed.observations, None), {})
@@ -132,7 +132,7 @@ def repairs(
         Those of the fit.
     """
     present = fitted.components if isinstance(fitted, MixedLikelihood) else ()
-    o, shape, gains = plain.observations, plain.model.shape, []
+    o, gains = plain.observations, []
 
     def weigh(what: str, other: Likelihood, offset: Sequence[Component] = ()) -> None:
         """Add the best fit of another likelihood, with one more offset."""
@@ -162,7 +162,7 @@ def repairs(
     for text, factor in _RADII.items():  # windows that go with R leave a factor of R to c_e and alpha
         there = o.moved("radius", (factor - 1) * o.radius, (factor - 1) * o.pressed_radius)
         if np.isfinite(o.window_end).all() and (there.window_start < there.window_end).all():
-            weigh(text, plain.of_rows(there, MeanFieldModel(there, shape)))
+            weigh(text, plain.of_rows(there))
     for text, law in _other_laws(plain.model.law):
         there = replace(o, force_exponent=law.force_exponent, rate_exponent=law.rate_exponent)
         weigh(text, plain.of_rows(there, MeanFieldModel(there, law.shape)))

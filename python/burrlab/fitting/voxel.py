@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr, Material, Shape
 from burrlab.bone.specimen import Specimen
@@ -200,13 +200,15 @@ class VoxelTable:
 class VoxelModel:
     """Mean-field velocity of the rows times the table's deviation; see `burrlab.fitting.likelihood.Model`."""
 
-    def __init__(
-        self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
-    ) -> None:
+    def __init__(self, observations: Observations, shape: Shape, table: VoxelTable) -> None:
         self.shape, self._mean_field, self._table = shape, MeanFieldModel(observations, shape), table
         self.law = self._mean_field.law
-        part = table.coefficients if replicate is None else table.coefficients[[replicate]]
-        self._coefficients = part.mean(axis=0).T
+        self._coefficients = table.coefficients.mean(axis=0).T
+
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> VoxelModel:
+        """See `burrlab.fitting.likelihood.Model`."""
+        table = replace(self._table, coefficients=self._table.coefficients[:, keep])
+        return VoxelModel(observations, self.shape, table)
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""
@@ -388,13 +390,12 @@ def monte_carlo_share(
     """
     total, _, _ = likelihood.information(*best)
     inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
-    o, replicates = likelihood.observations, table.coefficients.shape[0]
+    o, scores = likelihood.observations, []
     variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
-    scores = [
-        Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best, variances)
-        for k in range(replicates)
-    ]
-    spread = inverse @ np.cov(np.array(scores).T) @ inverse / replicates
+    for coefficients in table.coefficients:
+        model = VoxelModel(o, shape, replace(table, coefficients=coefficients[None]))
+        scores.append(Likelihood(o, likelihood.kind, model).score(*best, variances))
+    spread = inverse @ np.cov(np.array(scores).T) @ inverse / len(scores)
     combination = np.array([total[0, 1] / total[1, 1], 1.0])  # alpha/c_e^p, uncorrelated with c_e
     directions = [combination] if c_e_open else [combination, np.array([1.0, 0.0])]
     return float(max((d @ spread @ d) / (d @ inverse @ d) for d in directions))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from html import escape
 from typing import Any, TypeAlias
@@ -341,8 +341,8 @@ def replicate(item: CoverageItem) -> Floats:
     n = len(o.force)
     velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", template.model)
-    return _judged(likelihood, domain, item)
+    rows = replace(o, velocity=velocity, pressed=pressed)
+    return _judged(template.of_rows(rows, template.model), domain, item)
 
 
 @dataclass(frozen=True)

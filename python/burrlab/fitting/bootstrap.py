@@ -18,8 +18,8 @@ from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, at_best_variances
-from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows, bounds_of
+from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, fitted_again
+from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows
 from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.slices import FREEDOM
@@ -135,20 +135,14 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     """c_e [N/mm^2] and alpha [1/ms] fitted to a set with other effects, offsets and scatter, or with other levels."""
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
 
-    def likelihood(o: Observations) -> Likelihood:
-        return Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
-
-    fitted = item.evidence.likelihood(likelihood(item.observations), point)
+    o = item.observations
+    plain = Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
+    fitted = item.evidence.likelihood(plain, point)
     told = {x.quantity: x.values for x in item.evidence.effects if x.deviation is None}
-    redrawn = (
-        _redrawn_levels(item, random)
-        if item.group
-        else redrawn_effects(item.observations, fitted, point, told, random)
-    )
-    box = bounds_of(redrawn, None)
+    redrawn = _redrawn_levels(item, random) if item.group else redrawn_effects(o, fitted, point, told, random)
     components = [component.of_rows(redrawn) for component in fitted.components]
-    again, end = at_best_variances(likelihood(redrawn), components, point, (box.lower[0], box.upper[0]))
-    places = minima(again, Domain.of(again, bounds_of(again.observations, None), {}))
+    again, domain, end = fitted_again(plain.of_rows(redrawn), components, point)
+    places = minima(again, domain)
     return places[0].point if places else end
 
 

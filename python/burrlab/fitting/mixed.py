@@ -33,7 +33,7 @@ from burrlab.fitting.linear import (
     moved_by,
     reml,
 )
-from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows
+from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
@@ -96,6 +96,15 @@ def at_best_variances(
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def fitted_again(
+    plain: Likelihood, components: Sequence[Component], point: tuple[float, float]
+) -> tuple["MixedLikelihood", Domain, tuple[float, float]]:
+    """The likelihood of other rows at its best variances, the range of its walk, and its best point near a point."""
+    box = bounds_of(plain.observations, None)
+    mixed, end = at_best_variances(plain, components, point, (box.lower[0], box.upper[0]))
+    return mixed, Domain.of(mixed, bounds_of(mixed.observations, None), {}), end
 
 
 def _first_shifts(

@@ -9,7 +9,7 @@ import numpy as np
 from burrlab._core import shape_names
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
-from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
+from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Group, bounds_of
 from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
 from burrlab.theory.continuum import Law
@@ -93,10 +93,8 @@ def without_levels(
         keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
         try:
             o = plain.observations.kept(keep)
-            rest = plain.of_rows(o)
-            components, box = [x.of_rows(o) for x in fitted.components], bounds_of(o, None)
-            mixed, _ = at_best_variances(rest, components, fitted.point, (box.lower[0], box.upper[0]))
-            domain = Domain.of(mixed, bounds_of(mixed.observations, None), {})
+            components = [x.of_rows(o) for x in fitted.components]
+            mixed, domain, _ = fitted_again(plain.of_rows(o), components, fitted.point)
             c_e, alpha = minima(mixed, domain)[0].point
             interval = ranges(mixed, mixed.calibration(c_e, alpha), domain, (c_e, alpha), 0.0).intervals[
                 "c_e"
@@ -139,11 +137,10 @@ def repairs(
         components = (*present, *offset)
         if other.observations.c_e_bounds().max() >= other.observations.ceiling:
             return
-        box = bounds_of(other.observations, None)
         end: Point | None = point
         if components:
             try:
-                mixed, end = at_best_variances(other, components, point, (box.lower[0], box.upper[0]))
+                mixed, _, end = fitted_again(other, components, point)
             except (ValueError, np.linalg.LinAlgError):  # it leaves a row without a window: no explanation
                 return
             u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])

@@ -22,7 +22,7 @@ from burrlab.common.study import LATER, StorePath, run_items, stored_as
 from burrlab.fitting.bootstrap import redrawn_effects
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import check_offsets, components_of
-from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
+from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
@@ -365,23 +365,14 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
     )
     scatter2 = np.array([item.scatter**2, *([item.static_scatter**2] if len(o.pressed) else [])])
 
-    def likelihood(rows: Observations) -> Likelihood:
-        return Likelihood(rows, "relative", MeanFieldModel(rows, item.law.shape))
-
+    plain = Likelihood(o, "relative", MeanFieldModel(o, item.law.shape))
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
-    true = MixedLikelihood(
-        likelihood(o),
-        components,
-        point,
-        np.zeros(sum(len(x.group.levels) for x in components)),
-        scatter2,
-        effect2,
-    )
+    shifts = np.zeros(sum(len(x.group.levels) for x in components))
+    true = MixedLikelihood(plain, components, point, shifts, scatter2, effect2)
     rows = redrawn_effects(o, true, point, {}, random)
-    box = bounds_of(rows, None)
     components = tuple(component.of_rows(rows) for component in components)
-    fitted, _ = at_best_variances(likelihood(rows), components, point, (box.lower[0], box.upper[0]))
-    return _judged(fitted, Domain.of(fitted, bounds_of(fitted.observations, None), {}), item)
+    fitted, domain, _ = fitted_again(plain.of_rows(rows), components, point)
+    return _judged(fitted, domain, item)
 
 
 @lru_cache(maxsize=8)

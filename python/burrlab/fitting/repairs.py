@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from burrlab._core import shape_names
+from burrlab.fitting.diagnostics import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
@@ -19,7 +19,6 @@ _NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % 
 _AMOUNTS = {"force": "1 % of the largest ({})", "radius": "1 % ({})"}
 _TEXTS = {"force": "a tare or a friction, an offset of the force"}
 _RADII = {"half the radius, as if the diameter had been given": 0.5, "twice the radius": 2.0}
-Point: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)

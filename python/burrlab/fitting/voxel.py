@@ -254,31 +254,27 @@ class Descents:
 
         NaN where a descent gave no number, infinite where static contact passed the window's end.
         """
-        items: list[VoxelDescent] = []
-        places: list[tuple[int, int, list[Rows]]] = []
+        work: list[tuple[VoxelDescent, int, int, list[Rows]]] = []
         law = MeanFieldModel(self._observations, self._shape).law
         for i, (c_e, alpha) in enumerate(points.tolist()):
             material = law.material(c_e, alpha, "trial")
             for (radius, force), windows in self._rows.items():
                 for k in range(self._settings.replicates):
                     seed = item_seed(self._seed, force, k)
-                    items.append(
-                        VoxelDescent(Burr(radius), material, force, tuple(windows), self._settings, seed)
+                    descent = VoxelDescent(
+                        Burr(radius), material, force, tuple(windows), self._settings, seed
                     )
-                    places.append((i, k, list(windows.values())))
-        order = sorted(
-            range(len(items)), key=lambda j: items[j].force
-        )  # small forces take longest: they come first
+                    work.append((descent, i, k, list(windows.values())))
+        work.sort(key=lambda part: part[0].force)  # small forces take longest: they come first
         velocities_of_items = run_items(
             sink,
-            [items[j] for j in order],
+            [descent for descent, *_ in work],
             executor=self._engine.executor,
             store=self._engine.store,
             progress=counter(self._engine.progress, "descents"),
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
-        for j, values in zip(order, velocities_of_items, strict=True):
-            i, k, tables = places[j]
+        for (_, i, k, tables), values in zip(work, velocities_of_items, strict=True):
             for rows, value in zip(tables, values, strict=True):
                 velocity[i, k, rows] = value
         return velocity

@@ -1,6 +1,7 @@
 """A fit as text and HTML."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from html import escape
 from typing import Any
 
@@ -10,7 +11,6 @@ import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.profile import Interval
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.fitting.verdict import Ridge
@@ -133,17 +133,17 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
     """What was estimated, with its 95 % interval: constants, combination, deviations between groups, offsets, scatters."""
     p = f"{fit.identified.exponent:.4g}" if fit.identified else ""
     rows: list[tuple[str, str, float, float | None, float | None]] = [
-        (name, _UNITS[name], getattr(fit, name), *_ends(fit.intervals[name]["95"])) for name in _UNITS
+        (name, _UNITS[name], getattr(fit, name), *astuple(fit.intervals[name]["95"])) for name in _UNITS
     ]
     if fit.identified is not None:
         unit = f"(1/ms)/(N/mm^2)^{p}"
-        rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *_ends(fit.identified.interval)))
+        rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *astuple(fit.identified.interval)))
     for name, (value, deviation) in fit.provenance.get("known", {}).items():
         ends = (value * np.exp(1.96 * deviation * side) for side in (-1, 1))
         rows.append((f"{name} as given", _UNITS[name], value, *ends))
     for x in fit.effects:
         if x.interval is not None and x.deviation is not None:
-            rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
+            rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *astuple(x.interval)))
         for k, label in enumerate(x.levels if x.interval is None else ()):
             own = x.quantity in ("c_e", "alpha")
             of = (
@@ -159,10 +159,6 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
             rows.append((f"scatter of {s.name}", unit, s.value, np.nan, np.nan))
     names = ("quantity", "unit", "value", "lower_95", "upper_95")
     return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
-
-
-def _ends(interval: Interval) -> tuple[float | None, float | None]:
-    return interval.lower, interval.upper
 
 
 def identification(fit: FitRecord) -> dict[str, str]:

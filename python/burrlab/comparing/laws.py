@@ -14,7 +14,7 @@ from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
-from burrlab.comparing.law_comparison import Exponent, LawComparison, LawRow, Parting
+from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
 from burrlab.fitting.diagnostics import HypothesisTest, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR
@@ -39,7 +39,6 @@ _VAGUE = 0.5  # standard error of q by an indentation from which on it tells not
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
 _LEAST = {"s": -np.inf, "q": 0.3, "m": -np.inf}  # where a profile begins at the latest
 _CLOSER = (0.03, 0.008)  # steps of q about the best
-_CLOSE = 4.0  # difference of AIC below which laws are not told apart
 _RUNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # numbers of further runs that are tried
 _REASONABLE = (0.5, 2.0)  # forces of a further measurement, over the smallest and largest of the data
 
@@ -612,7 +611,7 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint
     R = float(radii[np.argmax(counts)]) if len(radii) else np.nan  # that of most runs in the default window
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
     for row in rows[1:]:
-        if row.contradicted or row.delta_aic >= _CLOSE or np.isnan(R):
+        if row.contradicted or row.delta_aic >= CLOSE or np.isnan(R):
             continue
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
@@ -621,7 +620,7 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
         for n in _RUNS:
-            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > _CLOSE:
+            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > CLOSE:
                 partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
                 break
     return tuple(partings)

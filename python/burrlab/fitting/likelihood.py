@@ -224,20 +224,20 @@ class Likelihood:
 
     def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
         """All rows near a point, by scatter."""
-        segments = np.concatenate([np.empty(0, np.intp), *self._runs])
-        velocity_rows, tables, run = (
-            self.first_rows,
-            [],
-            np.unique(self.observations.run_number, return_inverse=True)[1],
-        )
-        rise = run / max(run.max(initial=0), 1) - 0.5
-        for name, known, J, r, n in self._derivatives(c_e, alpha):
-            at = {"velocity": velocity_rows, "segments": segments, "force": np.arange(len(r))}.get(
-                name, velocity_rows[:0]
+        nowhere = np.empty(0, np.intp)
+        places = {
+            "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),
+            "force": np.arange(len(self.observations.pressed)), "known": nowhere,
+        }  # fmt: skip
+        run = np.unique(self.observations.run_number, return_inverse=True)[1]
+        drift = 0.5 - run / max(run.max(initial=0), 1)
+        return [
+            LinearRows(
+                name, known, J, r, n, places[name],
+                drift[self.first_rows] if name == "velocity" else np.zeros(len(r)),
             )
-            drift = -rise[at] if name == "velocity" else np.zeros(len(r))
-            tables.append(LinearRows(name, known, J, r, n, at, drift))
-        return tables
+            for name, known, J, r, n in self._derivatives(c_e, alpha)
+        ]  # fmt: skip
 
     def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
         """The same kind of likelihood of other rows, in the mean field unless with a model."""

@@ -201,15 +201,12 @@ class LawLikelihood:
         return k, np.min([heights.min(axis=1) for heights in closer], axis=0)
 
     def _pressed(self, q: float, c_e: Floats) -> Floats:
-        o = replace(self.observations, force_exponent=q)
-        n = len(o.pressed)
+        n = len(self.observations.pressed)
         if not n:
             return np.zeros(len(c_e))
-        if self.pressed_known:
-            r = (o.pressed - c_e[:, None] * o.pressed_unit) / o.pressed_sigma
-            return np.asarray((r**2).sum(axis=1))
-        r = np.log(o.pressed / o.pressed_unit) - np.log(c_e)[:, None]
-        return np.asarray(n * np.log((r**2).mean(axis=1) + MODEL_ERROR**2))
+        r = replace(self.observations, force_exponent=q).pressed_residuals(c_e, self.pressed_known)
+        S = np.sum(r**2, axis=1)
+        return np.asarray(S if self.pressed_known else n * np.log(S / n + MODEL_ERROR**2))
 
     def pressed_exponent(self) -> tuple[float, float]:
         """q by the indentation alone, and its standard error."""

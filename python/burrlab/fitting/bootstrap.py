@@ -76,20 +76,15 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
             n, student = len(residuals), item.residual_kind == "student"
             return value * (random.standard_t(FREEDOM, n) if student else random.standard_normal(n))
         centred = residuals - residuals.mean()
-        if name == "segments":  # each run's mean is subtracted twice: here and in _runs
+        if name == "segments":  # each run's mean is subtracted twice: here and in _of_rows
             centred = centred * np.sqrt(len(residuals) / fitted.n_within)
         return inflation * random.choice(centred, len(residuals))
 
     ends = drawn("velocity", fitted.velocity_residuals(unit, item.alpha))
     v = item.alpha * unit
     if fitted.log:
-        single = o.run < 0
-        log = np.zeros(len(v))
-        log[single] = ends[: int(single.sum())]
-        if fitted.n_within:
-            within = drawn("segments", fitted.within_residuals(unit))
-            log += _runs(o, ends[int(single.sum()) :], within, fitted.run_scatter)
-        v = v * np.exp(log)
+        within = drawn("segments", fitted.within_residuals(unit)) if fitted.n_within else np.empty(0)
+        v = v * np.exp(_of_rows(o, ends, within, fitted.run_scatter))
     else:
         v = v + ends * (o.sigma if fitted.known else 1.0)
     pressed = item.c_e * o.pressed_unit
@@ -100,14 +95,16 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     return lowest(drawn_again, domain).point
 
 
-def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
-    """Deviation of each segment's log velocity: its run's, plus its own, which has mean 0 over the run.
+def _of_rows(o: Observations, ends: Floats, within: Floats, scatter: Floats) -> Floats:
+    """Deviation of each row's log velocity; of a segment its run's, plus its own, which has mean 0 over the run.
 
-    `within` is in units of `scatter`, the relative scatter of each run.
+    `ends` are the deviations of curves' rows, then of runs. `within` is in units of `scatter`, the relative scatter
+    of each run.
     """
-    log = np.zeros(len(o.force))
-    begin = 0
-    for i, mean in enumerate(means):
+    single = o.run < 0
+    log, begin, n = np.zeros(len(single)), 0, int(single.sum())
+    log[single] = ends[:n]
+    for i, mean in enumerate(ends[n:]):
         rows = np.flatnonzero(o.run == i)
         deviations = within[begin : begin + len(rows)]
         log[rows] = mean + scatter[i] * (deviations - deviations.mean())
@@ -165,13 +162,6 @@ def redrawn_effects(
     """
     true = o
     log_c_e, log_alpha, log_pressed = np.zeros(len(o.force)), np.zeros(len(o.force)), np.zeros(len(o.pressed))
-    order = np.zeros(len(o.force))
-    for rows in fitted.linear.rows:
-        if rows.name == "velocity":
-            runs = np.array(o.run_number)
-            order = -rows.drift[np.unique(runs[rows.at], return_inverse=True)[1]][
-                np.searchsorted(np.unique(runs), runs)
-            ]
     for x, variance in zip(fitted.components, fitted.equations.effect2.tolist(), strict=True):
         drawn = told[x.quantity] if x.sought else variance**0.5 * random.standard_normal(len(x.group.levels))
         u = np.append(drawn, 0.0)  # a level of -1 has no effect
@@ -180,7 +170,7 @@ def redrawn_effects(
         elif x.quantity == "c_e":
             log_c_e, log_pressed = log_c_e + u[x.group.velocity], log_pressed + u[x.group.pressed]
         else:
-            log_alpha = log_alpha + (u[0] * order if x.quantity == "order" else u[x.group.velocity])
+            log_alpha = log_alpha + (u[0] * o.order if x.quantity == "order" else u[x.group.velocity])
     values, places = np.unique(log_c_e, return_inverse=True)
     unit = MeanFieldModel(true, fitted.model.shape).unit(point[0] * np.exp(values))[
         places, np.arange(len(o.force))
@@ -189,11 +179,9 @@ def redrawn_effects(
         zip([rows.name for rows in fitted.linear.rows], np.sqrt(fitted.equations.scatter2), strict=True)
     )
     ends = scatter["velocity"] * random.standard_normal(fitted.n)
-    log = np.zeros(len(o.force))
-    log[fitted.first_rows] = ends
-    if fitted.n_within:
-        within = scatter["segments"] * random.standard_normal(fitted.n_within + len(set(o.run[o.run >= 0])))
-        log = np.where(o.run < 0, log, _runs(o, ends[int((o.run < 0).sum()) :], within, fitted.run_scatter))
+    n_segments = fitted.n_within + len(set(o.run[o.run >= 0]))
+    within = scatter["segments"] * random.standard_normal(n_segments) if n_segments else np.empty(0)
+    log = _of_rows(o, ends, within, fitted.run_scatter)
     log *= o.sigma / o.velocity if fitted.known else 1.0
     velocity = point[1] * unit * np.exp(log_alpha + log)
     pressed = point[0] * true.pressed_unit * np.exp(log_pressed)

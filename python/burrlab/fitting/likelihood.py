@@ -229,12 +229,10 @@ class Likelihood:
             "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),
             "force": np.arange(len(self.observations.pressed)), "known": nowhere,
         }  # fmt: skip
-        run = np.unique(self.observations.run_number, return_inverse=True)[1]
-        drift = 0.5 - run / max(run.max(initial=0), 1)
         return [
             LinearRows(
                 name, known, J, r, n, places[name],
-                drift[self.first_rows] if name == "velocity" else np.zeros(len(r)),
+                -self.observations.order[self.first_rows] if name == "velocity" else np.zeros(len(r)),
             )
             for name, known, J, r, n in self._derivatives(c_e, alpha)
         ]  # fmt: skip
@@ -293,13 +291,7 @@ class Likelihood:
 
     def pressed_residuals(self, c_e: ArrayLike) -> Floats:
         """Residuals of the pressed rows: in log force, or over sigma where sigma is known."""
-        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
-        o = self.observations
-        if not len(o.pressed):
-            return np.empty((*stiffness.shape[:-1], 0))
-        if self.pressed_known:
-            return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
-        return np.log(o.pressed / o.pressed_unit) - np.log(stiffness)  # log c_e of every pair (Eq. 3)
+        return self.observations.pressed_residuals(c_e, self.pressed_known)
 
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
         """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""

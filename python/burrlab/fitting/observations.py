@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
@@ -187,6 +187,12 @@ class Observations:
         return numbers
 
     @property
+    def order(self) -> Floats:
+        """Place of each velocity row's run among all: -1/2 for the first, 1/2 for the last."""
+        run = np.unique(self.run_number, return_inverse=True)[1]
+        return np.asarray(run / max(run.max(initial=0), 1) - 0.5)
+
+    @property
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
 
@@ -205,6 +211,15 @@ class Observations:
         """R^2 (h/R)^q [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3: q = 3/2)."""
         relative = self.pressed_depth / self.pressed_radius
         return np.asarray(self.pressed_radius**2 * relative**self.force_exponent)
+
+    def pressed_residuals(self, c_e: ArrayLike, known: bool) -> Floats:
+        """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows."""
+        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
+        if known:
+            return np.asarray((self.pressed - stiffness * self.pressed_unit) / self.pressed_sigma)
+        return np.asarray(
+            np.log(self.pressed / self.pressed_unit) - np.log(stiffness)
+        )  # log c_e of each (Eq. 3)
 
     @property
     def rate_factor(self) -> Floats | float:

@@ -416,11 +416,13 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     o = likelihood.observations
     r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
     x, ones = likelihood.log_force, likelihood.ones
-    columns = {"s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x)}
-    columns["bend"] = (
-        "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
-        likelihood.whitened(np.log(o.force) ** 2),
-    )
+    columns = {
+        "s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x),
+        "bend": (
+            "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
+            likelihood.whitened(np.log(o.force) ** 2),
+        ),
+    }
     if len(np.unique(o.radius)) > 1:
         columns["radius"] = (
             "A power of the radius {so} than v ~ F: {outcome}.",

@@ -167,10 +167,9 @@ def repairs(
 
 def _other_laws(present: Law) -> list[tuple[str, Law]]:
     """Other shapes of a law, and other exponents."""
-    shapes = [Law(name, present.force_exponent, present.rate_exponent) for name in shape_names]
-    laws = [(f"f = {law.shape.label}", law) for law in shapes]
+    shapes = (Law(name, present.force_exponent, present.rate_exponent) for name in shape_names)
     others = (Law(present.shape, 2.0), Law(present.shape, rate_exponent=1.0), Law("constant", 2.0))
-    laws += [(f"the law {law}", law) for law in others]
+    laws = [(f"f = {law.shape.label}", law) for law in shapes] + [(f"the law {law}", law) for law in others]
     return [(text, law) for text, law in laws if law != present]
 
 

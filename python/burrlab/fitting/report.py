@@ -182,14 +182,14 @@ def identification(fit: FitRecord) -> dict[str, str]:
 def starts(fit: FitRecord) -> list[str]:
     """A table of every search: begin, end and result."""
     names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
-    lines = [f"{names}{'RMS':>11}{'evals':>7}  result"]
-    for s in fit.starts:
-        norm = np.sqrt(s.objective / fit.n_points)
-        lines.append(
-            f"{s.origin:<18}{s.start[0]:>10.4g}{s.end[0]:>10.4g}{s.start[1]:>12.4g}{s.end[1]:>10.4g}{norm:>11.5g}"
-            f"{s.evaluations:>7}  {s.result}"
-        )
-    return lines
+    return [
+        f"{names}{'RMS':>11}{'evals':>7}  result",
+        *(
+            f"{s.origin:<18}{s.start[0]:>10.4g}{s.end[0]:>10.4g}{s.start[1]:>12.4g}{s.end[1]:>10.4g}"
+            f"{np.sqrt(s.objective / fit.n_points):>11.5g}{s.evaluations:>7}  {s.result}"
+            for s in fit.starts
+        ),
+    ]
 
 
 def notes(fit: FitRecord) -> list[str]:

@@ -261,18 +261,19 @@ class Coverage:
 
     def rows(self, level: str = "95") -> list[list[str]]:
         """The table as text, header first."""
-        table = [["", *AMONG, "open above", "upper/lower"]]
-        for name in QUANTITIES:
-            table.append(
+        return [
+            ["", *AMONG, "open above", "upper/lower"],
+            *(
                 [
                     name,
                     *(str(self.coverage(name, level, among=among)) for among in AMONG),
                     f"{100 * self.open_above(name, level).value:.1f} %",
                     f"{self.ratio(name, level):.3g}",
                 ]
-            )
-        table.append(["joint", str(self.coverage("joint", level)), "", "", "", ""])
-        return table
+                for name in QUANTITIES
+            ),
+            ["joint", str(self.coverage("joint", level)), "", "", "", ""],
+        ]
 
     def __repr__(self) -> str:
         return "\n".join(

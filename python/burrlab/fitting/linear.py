@@ -29,7 +29,6 @@ from burrlab.common.check import nearest, real, refuse, shown
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows
 from burrlab.fitting.observations import Floats, Group, Observations, Rows
-from burrlab.theory.continuum import WINDOW_STOP
 
 #: Standard deviation of an offset, and its group
 Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
@@ -86,9 +85,7 @@ def components_of(
         if 1 < n_levels < n_rows:
             components.append(Component(group, "alpha"))
     by_name = {group.name: group for group in (observations.sets, *observations.groups)}
-    end = np.where(
-        np.isnan(observations.window_end), WINDOW_STOP * observations.radius, observations.window_end
-    )
+    end = observations.window[1]
     above = float((observations.radius - end).min())
     rooms = {"surface": min(above, float(end.min())) / _REACH, "radius": above / _REACH}
     for name, size in (uncertain or {}).items():
@@ -262,8 +259,9 @@ class Slopes:
             "radius": (np.full(len(o.force), windows), np.full(len(o.pressed), windows)),
         }
         v_steps, p_steps = steps[quantity]
-        for sign in (1, -1):
-            self.beside.append(likelihood.of_rows(o.moved(quantity, sign * v_steps, sign * p_steps)))
+        self.beside = [
+            likelihood.of_rows(o.moved(quantity, sign * v_steps, sign * p_steps)) for sign in (1, -1)
+        ]
         self._steps = [
             (p_steps if rows.name == "force" else v_steps)[rows.at] if len(rows.at) else np.ones(len(rows.r))
             for rows in tables

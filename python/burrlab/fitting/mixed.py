@@ -36,7 +36,6 @@ from burrlab.fitting.linear import (
 from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
-from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
@@ -61,9 +60,7 @@ def at_best_variances(
     """
     blocks, o = blocks_of(components), likelihood.observations
     forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
-    room = 0.5 * np.min(
-        o.radius - np.where(np.isnan(o.window_start), WINDOW_START * o.radius, o.window_start)
-    )
+    room = 0.5 * np.min(o.radius - o.window[0])
     reach = {  # step and ends of each offset, so that windows stay between 0 and R
         "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
         "surface": (STEP * o.radius.max(), -0.5 * depths.min(), room),
@@ -233,8 +230,7 @@ class MixedLikelihood(Likelihood):
             return []
         o = plain.observations
         row = int(np.argmax(o.c_e_bounds()))
-        end = o.window_end[row] if np.isfinite(o.window_end[row]) else WINDOW_STOP * o.radius[row]
-        q, R = o.force_exponent, o.radius[row]
+        q, R, end = o.force_exponent, o.radius[row], o.window[1][row]
         relative = {
             "force": 1 / o.force[row],
             "surface": -q / end,

@@ -202,6 +202,14 @@ class Observations:
         return replace(self, force=force, velocity=limit, window_start=start, window_end=end, radius=radius)
 
     @property
+    def window(self) -> tuple[Floats, Floats]:
+        """Start and end of each velocity row's window [mm]; where it is the default one, R/6 and R/3."""
+        start, end, R = self.window_start, self.window_end, self.radius
+        return np.where(np.isnan(start), WINDOW_START * R, start), np.where(
+            np.isnan(end), WINDOW_STOP * R, end
+        )
+
+    @property
     def recorded_force(self) -> Floats:
         """Force of each velocity row as it was measured [N]."""
         return self.force if self.measured_force is None else self.measured_force
@@ -238,10 +246,7 @@ class Observations:
             c_e over that of others, as which less force and more depth count. Windows stay
             where they were measured, in mm, and end at R at the latest.
         """
-        start, end = (
-            np.where(np.isnan(window), part * self.radius, window)
-            for window, part in ((self.window_start, WINDOW_START), (self.window_end, WINDOW_STOP))
-        )
+        start, end = self.window
         F, stop, R = self.overloaded
         stop, by = np.where(np.isnan(stop), WINDOW_STOP * R, stop), np.mean(velocity)
         overloaded = np.stack(
@@ -274,18 +279,19 @@ class Observations:
     def taken(self, velocity: Rows, pressed: Rows, *, run: Rows, groups: tuple[Group, ...]) -> "Observations":
         """Some rows, which may come more than once, with other runs and groups; `rows` stays."""
         columns: dict[str, Any] = {name: getattr(self, name)[velocity] for name in _VELOCITY}
-        columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run, "groups": groups}
-        columns["log_c_e"] = np.broadcast_to(self.log_c_e, self.force.shape)[velocity]
-        sets = Group(
-            self.sets.name, self.sets.levels, self.sets.velocity[velocity], self.sets.pressed[pressed]
-        )
-        return replace(self, sets=sets, measured_force=self.recorded_force[velocity], **columns)._checked()
+        columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run}
+        return replace(
+            self, **columns, groups=groups, measured_force=self.recorded_force[velocity],
+            log_c_e=np.broadcast_to(self.log_c_e, self.force.shape)[velocity],
+            sets=replace(self.sets, velocity=self.sets.velocity[velocity], pressed=self.sets.pressed[pressed]),
+        )._checked()  # fmt: skip
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
-        every = np.arange(len(self.pressed))
-        return self.taken(np.flatnonzero(keep), every, run=self.run[keep], groups=groups)
+        return self.taken(
+            np.flatnonzero(keep), np.arange(len(self.pressed)), run=self.run[keep], groups=groups
+        )
 
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
@@ -334,9 +340,8 @@ class Observations:
 
         There v is a power law of phi and only alpha/c_e^p is determined (docs/model.md, section 5 iii).
         """
-        start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
         with np.errstate(divide="ignore"):
-            return self.force / (self.radius**2 * (start / self.radius) ** self.force_exponent)
+            return self.force / (self.radius**2 * (self.window[0] / self.radius) ** self.force_exponent)
 
 
 def _groups(

@@ -89,7 +89,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
         v = v + ends * (o.sigma if fitted.known else 1.0)
     pressed = item.c_e * o.pressed_unit
     if len(pressed):
-        r = drawn("force", fitted.pressed_residuals(item.c_e))
+        r = drawn("force", o.pressed_residuals(item.c_e, fitted.pressed_known))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
     drawn_again = fitted.of_rows(replace(o, velocity=v, pressed=pressed), fitted.model)
     return lowest(drawn_again, domain).point

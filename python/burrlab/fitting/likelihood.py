@@ -289,17 +289,13 @@ class Likelihood:
         ]
         return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
 
-    def pressed_residuals(self, c_e: ArrayLike) -> Floats:
-        """Residuals of the pressed rows: in log force, or over sigma where sigma is known."""
-        return self.observations.pressed_residuals(c_e, self.pressed_known)
-
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
         """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
-        unit = self.model.unit(c_e)
+        unit, o = self.model.unit(c_e), self.observations
         tables = [
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
             ("segments", False, self.within_residuals(unit), self.n_within),
-            ("force", self.pressed_known, self.pressed_residuals(c_e), len(self.observations.pressed)),
+            ("force", self.pressed_known, o.pressed_residuals(c_e, self.pressed_known), len(o.pressed)),
             ("known", True, self._belief_residuals(c_e, alpha), len(self.beliefs)),
         ]
         return [table for table in tables if table[3]]
@@ -356,7 +352,8 @@ class Likelihood:
             within = self.within_residuals(self.model.unit(stiffness))
             total += self._minus2(np.sum(within**2, axis=-1), self.n_within)
         if n_pressed:
-            S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
+            r = self.observations.pressed_residuals(stiffness, self.pressed_known)
+            S = np.sum(r**2, axis=-1)
             total += S if self.pressed_known else self._minus2(S, n_pressed)
         return total
 

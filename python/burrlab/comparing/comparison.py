@@ -15,7 +15,7 @@ from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import Tabulated, by_value
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
-from burrlab.fitting.calibration import Threshold
+from burrlab.fitting.calibration import Threshold, covariance_of
 from burrlab.fitting.diagnostics import HypothesisTest, concluded, p_text
 from burrlab.fitting.linear import OFFSETS, check_names
 from burrlab.fitting.observations import Floats, bounds_of
@@ -467,11 +467,8 @@ class _Side:
         self.x = np.log(self.walk.c_e)
         self.best = int(np.argmin(self.walk.minus2))
         self.base = float(self.walk.minus2[self.best])
-        total = evidence.information
         self.joint = self.calibration.threshold(None)
-        self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2)) * (
-            self.joint.inflation * self.wider
-        )
+        self.variance = covariance_of(evidence.information) * (self.joint.inflation * self.wider)
         self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:

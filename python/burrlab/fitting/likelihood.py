@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
-from burrlab.fitting.calibration import Calibration, RowScatter
+from burrlab.fitting.calibration import Calibration, RowScatter, covariance_of
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.fitting.slices import FLATTER, FREEDOM, AlphaSlices, StudentSlices, TobitSlices, best_scale
 from burrlab.theory.continuum import PER_SECOND, Law, MasterCurve
@@ -411,7 +411,7 @@ class Likelihood:
         if self.kind == "student":
             shares *= FLATTER
         total = shares.sum(axis=0)
-        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        inverse = covariance_of(total)
         scatters = []
         for (name, known, _, r, n), share in zip(tables, shares, strict=True):
             p = 2.0 if len(tables) == 1 else float(np.trace(inverse @ share))

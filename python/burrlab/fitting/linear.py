@@ -78,7 +78,7 @@ def components_of(
     for group in observations.groups:
         n_levels, n_rows = (
             len(group.levels),
-            len(set(zip(group.velocity.tolist(), observations.run_number, strict=True))),
+            len(set(zip(group.velocity.tolist(), observations.run_number.tolist(), strict=True))),
         )
         if group.name == "specimen" and n_levels > 2:
             components.append(Component(group, "c_e"))

@@ -180,11 +180,10 @@ class Observations:
         return len(self.force) + len(self.pressed)
 
     @property
-    def run_number(self) -> list[int]:
+    def run_number(self) -> Rows:
         """The run of each velocity row: segments of a trace share one."""
         single = self.run < 0
-        numbers: list[int] = np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run).tolist()
-        return numbers
+        return np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run)
 
     @property
     def order(self) -> Floats:

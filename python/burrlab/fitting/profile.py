@@ -333,7 +333,10 @@ def profile(
     evidence = ranges(likelihood, calibration, domain, best, ridge)
     walk, base, joint = evidence.walk, evidence.base, evidence.joint
     rise = walk.minus2 - base
-    alphas = _alphas(walk, base, max(joint.values()))
+    low, high = walk.band(base + max(joint.values()))
+    alpha = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
+    begin, end = max(float(np.nanmin(low)), alpha / BEYOND), min(float(np.nanmax(high)), alpha * BEYOND)
+    alphas = np.geomspace(begin, end, 120)
     x = np.log(walk.c_e)
     table = np.array([_lowest(x, row)[1] for row in walk.slices.minus2_table(alphas)]) - base
     drawn = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
@@ -590,13 +593,6 @@ def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded:
         None if -np.inf < lower < -ENDLESS else float(np.exp(lower)),
         None if upper > ENDLESS else float(np.exp(upper)),
     )
-
-
-def _alphas(walk: Walk, base: float, rise: float) -> Floats:
-    low, high = walk.band(base + rise)
-    best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
-    begin, end = max(float(np.nanmin(low)), best / BEYOND), min(float(np.nanmax(high)), best * BEYOND)
-    return np.geomspace(begin, end, 120)
 
 
 def _lowest(x: Floats, y: Floats) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
+from burrlab.fitting.calibration import covariance_of
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
@@ -385,7 +386,7 @@ def monte_carlo_share(
     with a its curvature, 1/(2 a) = SE_stat^2.
     """
     total, _, _ = likelihood.information(*best)
-    inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+    inverse = covariance_of(total)
     o, scores = likelihood.observations, []
     variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
     for coefficients in table.coefficients:

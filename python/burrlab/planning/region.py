@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from burrlab.common.check import refuse
-from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
+from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter, covariance_of
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import MixedEffect, MixedLikelihood
@@ -55,7 +55,7 @@ class NewData:
             return old
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
         total = old.total + share
-        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        inverse = covariance_of(total)
         new = RowScatter("force", self.n, False, float(np.trace(inverse @ share)), self.scatter)
         scatters = tuple(
             replace(s, parameters=float(np.trace(inverse @ part)))

@@ -18,7 +18,7 @@ from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold, covariance_of
 from burrlab.fitting.diagnostics import HypothesisTest, concluded, p_text
 from burrlab.fitting.linear import OFFSETS, check_names
-from burrlab.fitting.observations import Floats, bounds_of
+from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
@@ -461,7 +461,7 @@ class _Side:
         evidence = fit._evidence()
         self.fit, self.likelihood, self.calibration = fit, fit.likelihood, evidence.calibration
         self.wider = (1 + self.calibration.monte_carlo) * self.calibration.inflation
-        self.domain = Domain.of(self.likelihood, bounds_of(self.likelihood.observations, None), {})
+        self.domain = Domain.of(self.likelihood)
         reach = [float(self._rise(self.calibration.threshold(C_E), t)) for t in (1.0, 2.0, 4.0)]
         self.walk = close_walk(self.likelihood, self.domain, fit.c_e, reach)
         self.x = np.log(self.walk.c_e)

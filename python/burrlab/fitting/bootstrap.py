@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -59,7 +59,7 @@ def _fitted(
 ) -> tuple[Likelihood, Domain]:
     """The likelihood and domain of all replicates."""
     fitted = Likelihood(o, kind, model_of(o, Shape(shape), table))
-    return fitted, Domain.of(fitted, box, dict.fromkeys(bounded_names))
+    return fitted, Domain.of(fitted, box, bounded_names)
 
 
 def replicate(item: BootstrapItem) -> tuple[float, float]:
@@ -275,6 +275,21 @@ class Bootstrap:
         )
 
 
+def run_fits(
+    function: Callable[[Any], Any],
+    items: Sequence[Any],
+    executor: Executor | None,
+    store: StorePath | None,
+    progress: Progress | None,
+) -> Floats:
+    """The results of a function of every item, a row each."""
+    # a fit holds the interpreter: more threads than one only wait
+    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
+        return np.array(
+            run_items(function, items, executor=workers, store=store, progress=counter(progress, "fits"))
+        )
+
+
 def bootstrap(
     fit: FitRecord,
     n: int = 1000,
@@ -372,11 +387,7 @@ def bootstrap(
             MixedItem(fit.observations, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
             for k in range(n)
         ]  # fmt: skip
-    # a fit holds the interpreter: more threads than one only wait
-    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        ends = np.array(
-            run_items(function, items, executor=workers, store=store, progress=counter(progress, "fits"))
-        )
+    ends = run_fits(function, items, executor, store, progress)
     combination = ends[:, 1] / ends[:, 0] ** exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations

@@ -547,8 +547,8 @@ def influence(
         The fit [N/mm^2], [1/ms].
     data : sequence of data sets
         Of the fit.
-    given : dict
-        Bounds given to the fit.
+    bounds : dict
+        Given to the fit.
     every : bool
         False returns only the rows that stand out.
 
@@ -579,9 +579,9 @@ def influence(
         rest = rest[rest != worst]
     places = [
         (k, row + 1)
-        for k, one in enumerate(data)
-        if isinstance(one, VelocityCurve)
-        for row in np.flatnonzero(one.ok).tolist()
+        for k, curve in enumerate(data)
+        if isinstance(curve, VelocityCurve)
+        for row in np.flatnonzero(curve.ok).tolist()
     ]
     least = np.sort(np.abs(residual))[-_FARTHEST] if len(r) > _EACH else 0.0
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)

@@ -101,7 +101,7 @@ def fitted_again(
     """The likelihood of other rows at its best variances, the range of its walk, and its best point near a point."""
     box = bounds_of(plain.observations, None)
     mixed, end = at_best_variances(plain, components, point, (box.lower[0], box.upper[0]))
-    return mixed, Domain.of(mixed, bounds_of(mixed.observations, None), {}), end
+    return mixed, Domain.of(mixed), end
 
 
 def _first_shifts(

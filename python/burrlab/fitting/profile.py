@@ -5,7 +5,7 @@ lowest of the walk. The interval of a quantity at a level is its range over the 
 risen by less than the level's limit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -18,7 +18,7 @@ from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.observations import Box, Floats
+from burrlab.fitting.observations import Box, Floats, bounds_of
 from burrlab.fitting.slices import AlphaSlices
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
@@ -191,9 +191,10 @@ class Domain:
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
-    def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> "Domain":
-        """The whole range of c_e, or the bounds given by the user."""
+    def of(cls, likelihood: Likelihood, box: Box | None = None, bounds: Collection[str] = ()) -> "Domain":
+        """The whole range of c_e and alpha, or the box's where the names of `bounds`, given by the user, hold them."""
         o = likelihood.observations
+        box = box or bounds_of(o, None)
         kinks = tuple(np.unique(likelihood.kinks).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))

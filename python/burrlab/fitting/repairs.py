@@ -10,7 +10,7 @@ from burrlab.fitting.diagnostics import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
-from burrlab.fitting.observations import Group, bounds_of
+from burrlab.fitting.observations import Group
 from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
 from burrlab.theory.continuum import Law
 
@@ -146,8 +146,7 @@ def repairs(
             what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
             other = mixed if present else mixed.plain
         if not present:
-            box = bounds_of(other.observations, None)
-            end = next((x.point for x in minima(other, Domain.of(other, box, {}))), None)
+            end = next((x.point for x in minima(other, Domain.of(other))), None)
         if end is not None:
             better = 2 * other.log_likelihood(*end) - 2 * (n_parameters + len(offset))
             gains.append(Repair(what, aic + better))

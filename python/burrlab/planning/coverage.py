@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import nullcontext
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from html import escape
@@ -16,14 +15,14 @@ from numpy.typing import NDArray
 
 from burrlab._core import Material, Shape
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
-from burrlab.common.progress import Progress, counter
+from burrlab.common.progress import Progress
 from burrlab.common.provenance import provenance
-from burrlab.common.study import LATER, StorePath, run_items, stored_as
-from burrlab.fitting.bootstrap import redrawn_effects
+from burrlab.common.study import LATER, StorePath, stored_as
+from burrlab.fitting.bootstrap import redrawn_effects, run_fits
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import check_offsets, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
-from burrlab.fitting.observations import Data, Floats, Observations, bounds_of
+from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import obstacle
@@ -322,7 +321,7 @@ def _template(experiment: ExperimentPlan, law: Law, c_e: float) -> tuple[Likelih
     """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
     o = experiment.observations(law=law)
     likelihood = Likelihood(o, "relative", MeanFieldModel(o, law.shape))
-    return likelihood, Domain.of(likelihood, bounds_of(o, None), {}), likelihood.model.unit(c_e)
+    return likelihood, Domain.of(likelihood), likelihood.model.unit(c_e)
 
 
 @stored_as("burrlab.fitting.coverage.replicate")
@@ -521,11 +520,7 @@ def coverage_study(
         told = tuple((uncertain or {}).items())
         components_of(mixed_rows(experiment, groups, law), dict(told))  # refuses what no window allows
         function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
-    # a fit holds the interpreter: more threads than one only wait
-    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        columns = np.array(
-            run_items(function, studied, executor=workers, store=store, progress=counter(progress, "fits"))
-        )
+    columns = run_fits(function, studied, executor, store, progress)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(
         experiment=experiment,

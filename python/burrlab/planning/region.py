@@ -163,9 +163,7 @@ class RegionGrid:
             "a design needs a fit of one c_e and one alpha: whose would new data share?",
         )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
-        domain = Domain.of(
-            fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)
-        )
+        domain = Domain.of(fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), fit.given_bounds)
         limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
         # the truth itself stays possible, so no point of a new region is higher than this
         reach = limit + farthest

@@ -120,7 +120,6 @@ class LinearRows:
     r: Floats
     n: int  # independent rows: K - 1 of a run of K segments
     at: Rows  # the velocity row (of a run its first) or pressed row that each comes from; empty for beliefs
-    drift: Floats  # derivative by the drift of log v from the first run to the last
 
 
 class Likelihood:
@@ -230,12 +229,9 @@ class Likelihood:
             "force": np.arange(len(self.observations.pressed)), "known": nowhere,
         }  # fmt: skip
         return [
-            LinearRows(
-                name, known, J, r, n, places[name],
-                -self.observations.order[self.first_rows] if name == "velocity" else np.zeros(len(r)),
-            )
+            LinearRows(name, known, J, r, n, places[name])
             for name, known, J, r, n in self._derivatives(c_e, alpha)
-        ]  # fmt: skip
+        ]
 
     def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
         """The same kind of likelihood of other rows, in the mean field unless with a model."""

@@ -260,9 +260,10 @@ class MixedLikelihood(Likelihood):
             likelihood = plain.of_rows(there)
             slopes = {
                 x.quantity: Slopes(
-                    likelihood, x.quantity, model.rows, None if x.sought else narrow * (x.deviation or 0.0)
+                    likelihood, x.quantity, model.rows, 0.0 if x.sought else narrow * (x.deviation or 0.0)
                 )
                 for x in self.components
+                if x.quantity in OFFSETS
             }
             parts.append(_Part(likelihood, slopes, shifts, variance, turn, -2 * float(np.log(weight)), moved))
         return parts
@@ -318,9 +319,7 @@ class MixedLikelihood(Likelihood):
         jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
         equations, model = self.equations, self.linear
         residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
-        varying = {
-            name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items() if slopes.of_offset
-        }
+        varying = {name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items()}
         n_points, n_effects = len(stiffness), len(part.shifts)
         rr, rj, jj = np.zeros(n_points), np.zeros(n_points), 0.0
         rZ, jZ = np.zeros((2, n_points, n_effects))

@@ -13,7 +13,6 @@ from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
-from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve
 
 _RESIDUALS = {
@@ -232,7 +231,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     return lines
 
 
-def ridge(r: Ridge, fit: FitRecord) -> str:
+def ridge(r: verdict.Ridge, fit: FitRecord) -> str:
     """What the forces can determine, in a sentence."""
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
     largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"

@@ -217,20 +217,38 @@ class Likelihood:
 
         The model is taken as linear there: so the pull of traces and indentations on the fit is removed.
         """
-        _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
-        J, r = J[: len(self._single)], r[: len(self._single)]
+        rows, n = self.linear_rows(c_e, alpha)[0], len(self._single)
+        J, r = rows.J[:n], rows.r[:n]
         return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
 
     def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
-        """All rows near a point, by scatter."""
+        """All rows near a point, by scatter.
+
+        Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
+        """
+        steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
+        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
+        stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
+        around = self.residuals(stiffness, alpha)
+        if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window
+            stiffness[0] = c_e
+            around = self.residuals(stiffness, alpha)
+        width = float(np.log(stiffness[2] / stiffness[0]))
+        # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
+        doubling = np.log(2) if self.log else 1.0
+        twice = self.residuals(c_e, 2 * alpha)
         nowhere = np.empty(0, np.intp)
         places = {
             "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),
             "force": np.arange(len(self.observations.pressed)), "known": nowhere,
         }  # fmt: skip
+        slopes = (
+            np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
+            for (_, _, r, _), (_, _, r_twice, _) in zip(around, twice, strict=True)
+        )
         return [
-            LinearRows(name, known, J, r, n, places[name])
-            for name, known, J, r, n in self._derivatives(c_e, alpha)
+            LinearRows(name, known, J, r[1], n, places[name])
+            for (name, known, r, n), J in zip(around, slopes, strict=True)
         ]
 
     def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
@@ -261,8 +279,7 @@ class Likelihood:
         o = self.observations
         if self.log:
             return self._log_residuals(np.log(unit), alpha)
-        sigma = o.sigma if self.known else 1.0
-        return (o.velocity - alpha * unit) / sigma
+        return (o.velocity - alpha * unit) / (o.sigma if self.known else 1.0)
 
     def _log_residuals(self, log_unit: Floats, alpha: float = 1.0) -> Floats:
         raw = np.log(self.observations.velocity) - log_unit
@@ -402,60 +419,36 @@ class Likelihood:
 
         The shares, shape (number of scatters, 2, 2), are the information from each scatter.
         """
-        tables = self._derivatives(c_e, alpha)
-        shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
+        tables = self.linear_rows(c_e, alpha)
+        shares = np.array([rows.J.T @ rows.J / self._variance(rows) for rows in tables])
         if self.kind == "student":
             shares *= FLATTER
         total = shares.sum(axis=0)
         inverse = covariance_of(total)
         scatters = []
-        for (name, known, _, r, n), share in zip(tables, shares, strict=True):
+        for rows, share in zip(tables, shares, strict=True):
             p = 2.0 if len(tables) == 1 else float(np.trace(inverse @ share))
-            value = 1.0 if known else float(np.sqrt(np.sum(r**2) / max(n - p, 0.5)))
+            value = 1.0 if rows.known else float(np.sqrt(np.sum(rows.r**2) / max(rows.n - p, 0.5)))
             if self.kind == "student":
-                value = float(np.sqrt(self._variance(name, r, n, known) * n / (n - p)))
-            scatters.append(RowScatter(name, n, known, p, value))
+                value = float(np.sqrt(self._variance(rows) * rows.n / (rows.n - p)))
+            scatters.append(RowScatter(rows.name, rows.n, rows.known, p, value))
         return total, tuple(scatters), shares
 
     def variances(self, c_e: float, alpha: float) -> dict[str, float]:
         """Best estimates of the squared scatters, by name, with the model's error."""
-        return {
-            name: self._variance(name, r, n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
-        }
+        return {rows.name: self._variance(rows) for rows in self.linear_rows(c_e, alpha)}
 
     def score(self, c_e: float, alpha: float, variances: Mapping[str, float]) -> Floats:
         """Derivative of log L by (log c_e, log alpha) for given squared scatters, shape (2,)."""
-        return np.asarray(
-            -sum(J.T @ r / variances[name] for name, _, J, r, _ in self._derivatives(c_e, alpha))
-        )
+        tables = self.linear_rows(c_e, alpha)
+        return np.asarray(-sum(rows.J.T @ rows.r / variances[rows.name] for rows in tables))
 
-    def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
+    def _variance(self, rows: LinearRows) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
         if self.kind == "student":
-            return float(best_scale(r, self.floor)[1])
-        floor = self.floor if name == "velocity" else MODEL_ERROR**2
-        return 1.0 if known else float(np.sum(r**2)) / n + floor
-
-    def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
-        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals and n, by scatter.
-
-        Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
-        """
-        steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
-        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
-        stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
-        around = self.residuals(stiffness, alpha)
-        if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window
-            stiffness[0] = c_e
-            around = self.residuals(stiffness, alpha)
-        width = float(np.log(stiffness[2] / stiffness[0]))
-        # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
-        doubling = np.log(2) if self.log else 1.0
-        twice = self.residuals(c_e, 2 * alpha)
-        return [
-            (name, known, np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1), r[1], n)
-            for (name, known, r, n), (_, _, r_twice, _) in zip(around, twice, strict=True)
-        ]
+            return float(best_scale(rows.r, self.floor)[1])
+        floor = self.floor if rows.name == "velocity" else MODEL_ERROR**2
+        return 1.0 if rows.known else float(np.sum(rows.r**2)) / rows.n + floor
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """log L with all constants and the best scatters: the log density of the data in their units."""

@@ -603,10 +603,10 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     share = np.array([np.trace(np.linalg.solve(both, side.variance)) / 2 for side in (a, b)])
     nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
-    text = "The two {so} (one c_e and alpha): {outcome}."
     return concluded(
-        "one material", statistic / len(freedom), freedom, text, "can be of one material", "differ"
-    )
+        "one material", statistic / len(freedom), freedom, "The two {so} (one c_e and alpha): {outcome}.",
+        "can be of one material", "differ",
+    )  # fmt: skip
 
 
 def _velocities(

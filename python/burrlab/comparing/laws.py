@@ -126,8 +126,10 @@ class LawLikelihood:
         slope = self.log_force
         slope = slope - self._level * (self._level @ slope)
         self._lever = float(slope @ slope)
-        few = len(np.unique(o.force)) < 3
-        refuse(few, "laws need velocities at three or more forces, whatever the burrs: got fewer")
+        refuse(
+            len(np.unique(o.force)) < 3,
+            "laws need velocities at three or more forces, whatever the burrs: got fewer",
+        )
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
         levels = {x.group.name: len(x.group.levels) - 1 for x in (mixed.components if mixed else ())}

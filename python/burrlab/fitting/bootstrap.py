@@ -91,8 +91,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     if len(pressed):
         r = drawn("force", o.pressed_residuals(item.c_e, fitted.pressed_known))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
-    drawn_again = fitted.of_rows(replace(o, velocity=v, pressed=pressed), fitted.model)
-    return lowest(drawn_again, domain).point
+    return lowest(fitted.of_rows(replace(o, velocity=v, pressed=pressed), fitted.model), domain).point
 
 
 def _of_rows(o: Observations, ends: Floats, within: Floats, scatter: Floats) -> Floats:

@@ -116,8 +116,14 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
         nu = likelihood.n - parameters
         if nu < 1:
             return None
-        text = "The scatter {so} the given sigma: {outcome}."
-        test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
+        test = concluded(
+            "lack of fit",
+            S,
+            (nu,),
+            "The scatter {so} the given sigma: {outcome}.",
+            "agrees with",
+            "contradicts",
+        )
         if 1 - test.p_value < POOR:
             factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
             sentence = (

@@ -145,8 +145,10 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
     names = [*OFFSETS, "order"]
     for name in estimate:
         refuse(name not in names, f"estimate may hold {', '.join(names)}: got {name!r}{nearest(name, names)}")
-        twice = name in (uncertain or {}) or list(estimate).count(name) > 1
-        refuse(twice, f"an offset is uncertain or estimated, and once: got {name!r} twice")
+        refuse(
+            name in (uncertain or {}) or list(estimate).count(name) > 1,
+            f"an offset is uncertain or estimated, and once: got {name!r} twice",
+        )
 
 
 def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:

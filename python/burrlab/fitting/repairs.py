@@ -148,8 +148,8 @@ def repairs(
         if not present:
             end = next((x.point for x in minima(other, Domain.of(other))), None)
         if end is not None:
-            better = 2 * other.log_likelihood(*end) - 2 * (n_parameters + len(offset))
-            gains.append(Repair(what, aic + better))
+            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*end)
+            gains.append(Repair(what, aic - other_aic))
 
     for name in OFFSETS:
         if plain.kind != "student" and name not in {x.quantity for x in present}:

@@ -78,8 +78,11 @@ class VoxelEngine:
     progress: Progress | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        whole_number = isinstance(self.replicates, (int, np.integer))
-        refuse(not whole_number, f"replicates must be a whole number, got {self.replicates!r}", TypeError)
+        refuse(
+            not isinstance(self.replicates, (int, np.integer)),
+            f"replicates must be a whole number, got {self.replicates!r}",
+            TypeError,
+        )
         refuse(
             self.replicates < 2,
             f"replicates must be at least 2, to show their scatter: got {self.replicates!r}",

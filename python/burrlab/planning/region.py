@@ -239,8 +239,7 @@ class RegionGrid:
 
     def below(self, ceiling: float) -> NewRegion:
         """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
-        excluded = self.log_c_e[:, None] >= np.log(ceiling)
-        table = np.where(excluded, _EXCLUDED, self.minus2)[None]
+        table = np.where(self.log_c_e[:, None] >= np.log(ceiling), _EXCLUDED, self.minus2)[None]
         return self._region(table, _limits(self.calibration), self.high_hard or ceiling < np.inf)
 
     def _region(self, table: Floats, limits: tuple[float, float], high_hard: bool) -> NewRegion:

@@ -130,7 +130,6 @@ class MixedItem:
 def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     """c_e [N/mm^2] and alpha [1/ms] fitted to a set with other effects, offsets and scatter, or with other levels."""
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
-
     o = item.observations
     plain = Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
     fitted = item.evidence.likelihood(plain, point)
@@ -358,38 +357,28 @@ def bootstrap(
     )
     exponent = evidence.profile.identified.exponent
     seed = seed_or_new(seed)
-    low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
-    scatters = tuple(
-        (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
-    )
-    items: list[BootstrapItem] | list[MixedItem] = [
-        BootstrapItem(
-            fit.observations,
-            fit.shape,
-            fit.residual_kind,
-            fit.table,
-            Box((low[0], low[1]), (high[0], high[1])),
-            fit.given_bounds,
-            fit.c_e,
-            fit.alpha,
-            scatters,
-            kind,
-            seed,
-            k,
-        )
-        for k in range(n)
-    ]
-    function: Any = replicate
+    o = fit.observations
     if mixed is not None:
-        function, plain = mixed_replicate, fit._plain
-        items = [
-            MixedItem(fit.observations, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
+        plain = fit._plain
+        ends = run_fits(mixed_replicate, [
+            MixedItem(o, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
             for k in range(n)
-        ]  # fmt: skip
-    ends = run_fits(function, items, executor, store, progress)
+        ], executor, store, progress)  # fmt: skip
+    else:
+        low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
+        box = Box((low[0], low[1]), (high[0], high[1]))
+        scatters = tuple(
+            (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
+        )
+        ends = run_fits(replicate, [
+            BootstrapItem(
+                o, fit.shape, fit.residual_kind, fit.table, box, fit.given_bounds, fit.c_e, fit.alpha, scatters,
+                kind, seed, k,
+            )
+            for k in range(n)
+        ], executor, store, progress)  # fmt: skip
     combination = ends[:, 1] / ends[:, 0] ** exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
-    o = fit.observations
     endless = not len(o.pressed) and np.isinf(o.ceiling)
     # data that close c_e's interval tell c_e beyond the ridge's beginning, where v is a power law but for some per cent
     entry = float(o.ridge_entries().max()) * (BEYOND if evidence.ridge.excluded else 1.0)

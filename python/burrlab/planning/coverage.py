@@ -514,13 +514,13 @@ def coverage_study(
         )
         for k in range(n)
     ]
-    function: Any = replicate
-    studied: Any = items
     if groups or uncertain:
-        told = tuple((uncertain or {}).items())
-        components_of(mixed_rows(experiment, groups, law), dict(told))  # refuses what no window allows
-        function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
-    columns = run_fits(function, studied, executor, store, progress)
+        offsets = tuple((uncertain or {}).items())
+        components_of(mixed_rows(experiment, groups, law), dict(offsets))  # refuses what no window allows
+        mixed = [MixedCoverageItem(item, groups, offsets) for item in items]
+        columns = run_fits(mixed_replicate, mixed, executor, store, progress)
+    else:
+        columns = run_fits(replicate, items, executor, store, progress)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(
         experiment=experiment,

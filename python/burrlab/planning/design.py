@@ -85,8 +85,7 @@ class Design:
         return self.rows[0]
 
     def _columns(self, rows: Sequence[Candidate]) -> dict[str, list[str]]:
-        cells = zip(*(_cells(candidate) for candidate in rows), strict=True)
-        columns = dict(zip(_HEADS, map(list, cells), strict=True))
+        columns = dict(zip(_HEADS, map(list, zip(*map(_cells, rows), strict=True)), strict=True))
         if all(candidate.parting is None for candidate in self.rows):
             del columns["AIC apart"]
         return columns

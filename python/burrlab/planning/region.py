@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ class NewData:
         return d
 
     def calibration(self, old: AnyCalibration) -> AnyCalibration:
-        """That of the fit with these data, which are of c_e alone; a scatter of their own changes it."""
+        """The calibration of the fit with these data, which are of c_e alone; a scatter of their own changes it."""
         if not (self.own and isinstance(old, Calibration)):
             return old
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
@@ -99,8 +100,9 @@ class SharedOffsets:
 
     def known(self, radius: float) -> dict[str, float]:
         """The offsets at the fit that data of a burr share [N], [mm]: another burr has a radius of its own."""
-        kept = [name for name in self.shared if name != "radius" or radius in self.radii]
-        return {name: self.shared[name].values[0] for name in kept}
+        return {
+            name: x.values[0] for name, x in self.shared.items() if name != "radius" or radius in self.radii
+        }
 
     def outcome(
         self, radius: float, log_outcome: Callable[[Mapping[str, float]], Floats]
@@ -194,7 +196,7 @@ class RegionGrid:
             domain.high_hard,
         )
 
-    @property
+    @cached_property
     def log_area(self) -> float:
         """Logarithm of the area of the joint 95 % region of the fit."""
         return float(np.log(self._area(self.minus2[None], _limits(self.calibration)[0])[0]))

@@ -258,8 +258,9 @@ class LawComparison(Tabulated):
 
     def report(self) -> str:
         """Table and sentences as text."""
-        notes = [f"- {sentence}" for sentence in self.sentences]
-        return in_blocks({"Laws": columns(self._cells()), "Notes": notes})
+        return in_blocks(
+            {"Laws": columns(self._cells()), "Notes": [f"- {sentence}" for sentence in self.sentences]}
+        )
 
     @drawing
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
@@ -305,8 +306,7 @@ class LawComparison(Tabulated):
                         textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
         ax.set(xlabel=_AXES[name], ylabel="rise of $-2 \\log L$", ylim=(0, 1.25 * largest))
         ax.set_xlim(exponent.grid[0], exponent.grid[-1])
-        ends = span(exponent.intervals["95"])
-        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {ends}")
+        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {span(exponent.intervals['95'])}")
         return ax
 
     def to_dict(self) -> dict[str, Any]:

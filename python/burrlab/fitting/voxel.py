@@ -390,11 +390,10 @@ def monte_carlo_share(
     """
     total, _, _ = likelihood.information(*best)
     inverse = covariance_of(total)
-    o, scores = likelihood.observations, []
+    o = likelihood.observations
     variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
-    for coefficients in table.coefficients:
-        model = VoxelModel(o, shape, replace(table, coefficients=coefficients[None]))
-        scores.append(Likelihood(o, likelihood.kind, model).score(*best, variances))
+    models = (VoxelModel(o, shape, replace(table, coefficients=part[None])) for part in table.coefficients)
+    scores = [Likelihood(o, likelihood.kind, model).score(*best, variances) for model in models]
     spread = inverse @ np.cov(np.array(scores).T) @ inverse / len(scores)
     combination = np.array([total[0, 1] / total[1, 1], 1.0])  # alpha/c_e^p, uncorrelated with c_e
     directions = [combination] if c_e_open else [combination, np.array([1.0, 0.0])]

@@ -82,9 +82,8 @@ class TestIndentation:
         for _ in range(n):
             errors = 0.08 * random.standard_normal(len(v)), 0.05 * random.standard_normal(len(F))
             noise = [1 + e if residuals == "sigma" else np.exp(e) for e in errors]
-            drawn = Likelihood(
-                likelihood.observations.with_outcomes(v * noise[0], F * noise[1]), residuals, likelihood.model
-            )
+            outcomes = {"velocity": v * noise[0], "pressed": F * noise[1]}
+            drawn = likelihood.of_rows(replace(likelihood.observations, **outcomes), likelihood.model)
             poor += goodness(drawn, point, lack_of_fit(drawn, point)).poor
             found.append([test.p_value for test in indentation_tests(drawn)])
         print(f"{residuals}, {len(set(depths))} depths: {poor} of {n} clean sets contradict")

@@ -15,10 +15,10 @@ from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import Tabulated, by_value
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
-from burrlab.fitting.calibration import Threshold
+from burrlab.fitting.calibration import Threshold, covariance_of
 from burrlab.fitting.diagnostics import HypothesisTest, concluded, p_text
 from burrlab.fitting.linear import OFFSETS, check_names
-from burrlab.fitting.observations import Floats, bounds_of
+from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
@@ -461,17 +461,14 @@ class _Side:
         evidence = fit._evidence()
         self.fit, self.likelihood, self.calibration = fit, fit.likelihood, evidence.calibration
         self.wider = (1 + self.calibration.monte_carlo) * self.calibration.inflation
-        self.domain = Domain.of(self.likelihood, bounds_of(self.likelihood.observations, None), {})
+        self.domain = Domain.of(self.likelihood)
         reach = [float(self._rise(self.calibration.threshold(C_E), t)) for t in (1.0, 2.0, 4.0)]
         self.walk = close_walk(self.likelihood, self.domain, fit.c_e, reach)
         self.x = np.log(self.walk.c_e)
         self.best = int(np.argmin(self.walk.minus2))
         self.base = float(self.walk.minus2[self.best])
-        total = evidence.information
         self.joint = self.calibration.threshold(None)
-        self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2)) * (
-            self.joint.inflation * self.wider
-        )
+        self.variance = covariance_of(evidence.information) * (self.joint.inflation * self.wider)
         self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:
@@ -606,10 +603,10 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     share = np.array([np.trace(np.linalg.solve(both, side.variance)) / 2 for side in (a, b)])
     nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
-    text = "The two {so} (one c_e and alpha): {outcome}."
     return concluded(
-        "one material", statistic / len(freedom), freedom, text, "can be of one material", "differ"
-    )
+        "one material", statistic / len(freedom), freedom, "The two {so} (one c_e and alpha): {outcome}.",
+        "can be of one material", "differ",
+    )  # fmt: skip
 
 
 def _velocities(

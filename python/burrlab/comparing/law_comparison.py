@@ -30,7 +30,7 @@ from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import at_windows, span
 from burrlab.theory.continuum import Law
 
-_CLOSE = 4.0  # difference of AIC below which laws are not told apart
+CLOSE = 4.0  #: difference of AIC below which laws are not told apart
 _MANY = 3.0  # velocities that are off by a larger factor are left out of the figure
 _MEANS = {
     "s": "Velocities determine s = 2 (k + 1)/q + m, with v ~ F^s at small forces",
@@ -189,20 +189,21 @@ class LawComparison(Tabulated):
     @property
     def close(self) -> tuple[LawRow, ...]:
         """The best law and those that are not told apart from it: their AIC lies within 4."""
-        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic < _CLOSE)
+        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic < CLOSE)
 
     @property
     def left(self) -> tuple[LawRow, ...]:
         """Laws that the data do not contradict, but whose AIC lies 4 or more above the best."""
-        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic >= _CLOSE)
+        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic >= CLOSE)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
-        lines, several = [], len(np.unique(self.observations.radius)) > 1
-        for name, exponent in self.exponents.items():
-            about = _MEANS[name].format(law=self.law)
-            lines.append(f"{about}: {exponent.value:.3g} ({span(exponent.intervals['95'])}).")
+        several = len(np.unique(self.observations.radius)) > 1
+        lines = [
+            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({span(exponent.intervals['95'])})."
+            for name, exponent in self.exponents.items()
+        ]
         if several:
             lines.append(
                 "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "
@@ -210,13 +211,11 @@ class LawComparison(Tabulated):
             )
         if "q" not in self.exponents:
             lines.append("Pressing the stopped burr, four times or more at three depths, would tell q.")
-        for row in self.rows:
-            if row.contradicted:
-                lines.append(f"The data contradict {row.name}. {row.why}")
+        lines += [f"The data contradict {row.name}. {row.why}" for row in self.rows if row.contradicted]
         close = self.close
         if len(close) > 1:
             names = f"{', '.join(row.name for row in close[:-1])} and {close[-1].name}"
-            lines.append(f"{names} are not told apart: their AIC lies within {_CLOSE:g}.")
+            lines.append(f"{names} are not told apart: their AIC lies within {CLOSE:g}.")
         elif close:
             rest = ", ".join(row.name for row in self.left)
             name = close[0].name
@@ -259,8 +258,9 @@ class LawComparison(Tabulated):
 
     def report(self) -> str:
         """Table and sentences as text."""
-        notes = [f"- {sentence}" for sentence in self.sentences]
-        return in_blocks({"Laws": columns(self._cells()), "Notes": notes})
+        return in_blocks(
+            {"Laws": columns(self._cells()), "Notes": [f"- {sentence}" for sentence in self.sentences]}
+        )
 
     @drawing
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
@@ -306,8 +306,7 @@ class LawComparison(Tabulated):
                         textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
         ax.set(xlabel=_AXES[name], ylabel="rise of $-2 \\log L$", ylim=(0, 1.25 * largest))
         ax.set_xlim(exponent.grid[0], exponent.grid[-1])
-        ends = span(exponent.intervals["95"])
-        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {ends}")
+        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {span(exponent.intervals['95'])}")
         return ax
 
     def to_dict(self) -> dict[str, Any]:
@@ -316,13 +315,12 @@ class LawComparison(Tabulated):
             name: {"value": x.value, "intervals": plain_ends({name: x.intervals})[name]}
             for name, x in self.exponents.items()
         }
-        plain: dict[str, Any] = Codec().plain({
+        return dict(Codec().plain({
             "rows": [dict(zip(self._columns(), cells, strict=True)) | {"tests": row.tests}
                      for row, cells in zip(self.rows, zip(*self._columns().values(), strict=True), strict=True)],
             "exponents": exponents, "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
             "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
-        })  # fmt: skip
-        return plain
+        }))  # fmt: skip
 
     def __repr__(self) -> str:
         return "\n".join(columns(self._cells()))

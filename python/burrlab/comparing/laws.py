@@ -14,7 +14,7 @@ from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
-from burrlab.comparing.law_comparison import Exponent, LawComparison, LawRow, Parting
+from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
 from burrlab.fitting.diagnostics import HypothesisTest, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR
@@ -39,7 +39,6 @@ _VAGUE = 0.5  # standard error of q by an indentation from which on it tells not
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
 _LEAST = {"s": -np.inf, "q": 0.3, "m": -np.inf}  # where a profile begins at the latest
 _CLOSER = (0.03, 0.008)  # steps of q about the best
-_CLOSE = 4.0  # difference of AIC below which laws are not told apart
 _RUNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # numbers of further runs that are tried
 _REASONABLE = (0.5, 2.0)  # forces of a further measurement, over the smallest and largest of the data
 
@@ -127,8 +126,10 @@ class LawLikelihood:
         slope = self.log_force
         slope = slope - self._level * (self._level @ slope)
         self._lever = float(slope @ slope)
-        few = len(np.unique(o.force)) < 3
-        refuse(few, "laws need velocities at three or more forces, whatever the burrs: got fewer")
+        refuse(
+            len(np.unique(o.force)) < 3,
+            "laws need velocities at three or more forces, whatever the burrs: got fewer",
+        )
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
         levels = {x.group.name: len(x.group.levels) - 1 for x in (mixed.components if mixed else ())}
@@ -202,15 +203,12 @@ class LawLikelihood:
         return k, np.min([heights.min(axis=1) for heights in closer], axis=0)
 
     def _pressed(self, q: float, c_e: Floats) -> Floats:
-        o = replace(self.observations, force_exponent=q)
-        n = len(o.pressed)
+        n = len(self.observations.pressed)
         if not n:
             return np.zeros(len(c_e))
-        if self.pressed_known:
-            r = (o.pressed - c_e[:, None] * o.pressed_unit) / o.pressed_sigma
-            return np.asarray((r**2).sum(axis=1))
-        r = np.log(o.pressed / o.pressed_unit) - np.log(c_e)[:, None]
-        return np.asarray(n * np.log((r**2).mean(axis=1) + MODEL_ERROR**2))
+        r = replace(self.observations, force_exponent=q).pressed_residuals(c_e, self.pressed_known)
+        S = np.sum(r**2, axis=1)
+        return np.asarray(S if self.pressed_known else n * np.log(S / n + MODEL_ERROR**2))
 
     def pressed_exponent(self) -> tuple[float, float]:
         """q by the indentation alone, and its standard error."""
@@ -420,11 +418,13 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     o = likelihood.observations
     r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
     x, ones = likelihood.log_force, likelihood.ones
-    columns = {"s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x)}
-    columns["bend"] = (
-        "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
-        likelihood.whitened(np.log(o.force) ** 2),
-    )
+    columns = {
+        "s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x),
+        "bend": (
+            "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
+            likelihood.whitened(np.log(o.force) ** 2),
+        ),
+    }
     if len(np.unique(o.radius)) > 1:
         columns["radius"] = (
             "A power of the radius {so} than v ~ F: {outcome}.",
@@ -613,7 +613,7 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint
     R = float(radii[np.argmax(counts)]) if len(radii) else np.nan  # that of most runs in the default window
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
     for row in rows[1:]:
-        if row.contradicted or row.delta_aic >= _CLOSE or np.isnan(R):
+        if row.contradicted or row.delta_aic >= CLOSE or np.isnan(R):
             continue
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
@@ -622,7 +622,7 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
         for n in _RUNS:
-            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > _CLOSE:
+            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > CLOSE:
                 partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
                 break
     return tuple(partings)

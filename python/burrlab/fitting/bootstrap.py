@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,8 +18,8 @@ from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, at_best_variances
-from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows, bounds_of
+from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, fitted_again
+from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows
 from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.slices import FREEDOM
@@ -59,7 +59,7 @@ def _fitted(
 ) -> tuple[Likelihood, Domain]:
     """The likelihood and domain of all replicates."""
     fitted = Likelihood(o, kind, model_of(o, Shape(shape), table))
-    return fitted, Domain.of(fitted, box, dict.fromkeys(bounded_names))
+    return fitted, Domain.of(fitted, box, bounded_names)
 
 
 def replicate(item: BootstrapItem) -> tuple[float, float]:
@@ -76,38 +76,34 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
             n, student = len(residuals), item.residual_kind == "student"
             return value * (random.standard_t(FREEDOM, n) if student else random.standard_normal(n))
         centred = residuals - residuals.mean()
-        if name == "segments":  # each run's mean is subtracted twice: here and in _runs
+        if name == "segments":  # each run's mean is subtracted twice: here and in _of_rows
             centred = centred * np.sqrt(len(residuals) / fitted.n_within)
         return inflation * random.choice(centred, len(residuals))
 
     ends = drawn("velocity", fitted.velocity_residuals(unit, item.alpha))
     v = item.alpha * unit
     if fitted.log:
-        single = o.run < 0
-        log = np.zeros(len(v))
-        log[single] = ends[: int(single.sum())]
-        if fitted.n_within:
-            within = drawn("segments", fitted.within_residuals(unit))
-            log += _runs(o, ends[int(single.sum()) :], within, fitted.run_scatter)
-        v = v * np.exp(log)
+        within = drawn("segments", fitted.within_residuals(unit)) if fitted.n_within else np.empty(0)
+        v = v * np.exp(_of_rows(o, ends, within, fitted.run_scatter))
     else:
         v = v + ends * (o.sigma if fitted.known else 1.0)
     pressed = item.c_e * o.pressed_unit
     if len(pressed):
-        r = drawn("force", fitted.pressed_residuals(item.c_e))
+        r = drawn("force", o.pressed_residuals(item.c_e, fitted.pressed_known))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
-    drawn_again = Likelihood(o.with_outcomes(v, pressed), item.residual_kind, fitted.model)
-    return lowest(drawn_again, domain).point
+    return lowest(fitted.of_rows(replace(o, velocity=v, pressed=pressed), fitted.model), domain).point
 
 
-def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
-    """Deviation of each segment's log velocity: its run's, plus its own, which has mean 0 over the run.
+def _of_rows(o: Observations, ends: Floats, within: Floats, scatter: Floats) -> Floats:
+    """Deviation of each row's log velocity; of a segment its run's, plus its own, which has mean 0 over the run.
 
-    `within` is in units of `scatter`, the relative scatter of each run.
+    `ends` are the deviations of curves' rows, then of runs. `within` is in units of `scatter`, the relative scatter
+    of each run.
     """
-    log = np.zeros(len(o.force))
-    begin = 0
-    for i, mean in enumerate(means):
+    single = o.run < 0
+    log, begin, n = np.zeros(len(single)), 0, int(single.sum())
+    log[single] = ends[:n]
+    for i, mean in enumerate(ends[n:]):
         rows = np.flatnonzero(o.run == i)
         deviations = within[begin : begin + len(rows)]
         log[rows] = mean + scatter[i] * (deviations - deviations.mean())
@@ -134,21 +130,14 @@ class MixedItem:
 def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     """c_e [N/mm^2] and alpha [1/ms] fitted to a set with other effects, offsets and scatter, or with other levels."""
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
-
-    def likelihood(o: Observations) -> Likelihood:
-        return Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
-
-    fitted = item.evidence.likelihood(likelihood(item.observations), point)
+    o = item.observations
+    plain = Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
+    fitted = item.evidence.likelihood(plain, point)
     told = {x.quantity: x.values for x in item.evidence.effects if x.deviation is None}
-    redrawn = (
-        _redrawn_levels(item, random)
-        if item.group
-        else redrawn_effects(item.observations, fitted, point, told, random)
-    )
-    box = bounds_of(redrawn, None)
+    redrawn = _redrawn_levels(item, random) if item.group else redrawn_effects(o, fitted, point, told, random)
     components = [component.of_rows(redrawn) for component in fitted.components]
-    again, end = at_best_variances(likelihood(redrawn), components, point, (box.lower[0], box.upper[0]))
-    places = minima(again, Domain.of(again, bounds_of(again.observations, None), {}))
+    again, domain, end = fitted_again(plain.of_rows(redrawn), components, point)
+    places = minima(again, domain)
     return places[0].point if places else end
 
 
@@ -171,13 +160,6 @@ def redrawn_effects(
     """
     true = o
     log_c_e, log_alpha, log_pressed = np.zeros(len(o.force)), np.zeros(len(o.force)), np.zeros(len(o.pressed))
-    order = np.zeros(len(o.force))
-    for rows in fitted.linear.rows:
-        if rows.name == "velocity":
-            runs = np.array(o.run_number)
-            order = -rows.drift[np.unique(runs[rows.at], return_inverse=True)[1]][
-                np.searchsorted(np.unique(runs), runs)
-            ]
     for x, variance in zip(fitted.components, fitted.equations.effect2.tolist(), strict=True):
         drawn = told[x.quantity] if x.sought else variance**0.5 * random.standard_normal(len(x.group.levels))
         u = np.append(drawn, 0.0)  # a level of -1 has no effect
@@ -186,7 +168,7 @@ def redrawn_effects(
         elif x.quantity == "c_e":
             log_c_e, log_pressed = log_c_e + u[x.group.velocity], log_pressed + u[x.group.pressed]
         else:
-            log_alpha = log_alpha + (u[0] * order if x.quantity == "order" else u[x.group.velocity])
+            log_alpha = log_alpha + (u[0] * o.order if x.quantity == "order" else u[x.group.velocity])
     values, places = np.unique(log_c_e, return_inverse=True)
     unit = MeanFieldModel(true, fitted.model.shape).unit(point[0] * np.exp(values))[
         places, np.arange(len(o.force))
@@ -195,11 +177,9 @@ def redrawn_effects(
         zip([rows.name for rows in fitted.linear.rows], np.sqrt(fitted.equations.scatter2), strict=True)
     )
     ends = scatter["velocity"] * random.standard_normal(fitted.n)
-    log = np.zeros(len(o.force))
-    log[fitted.first_rows] = ends
-    if fitted.n_within:
-        within = scatter["segments"] * random.standard_normal(fitted.n_within + len(set(o.run[o.run >= 0])))
-        log = np.where(o.run < 0, log, _runs(o, ends[int((o.run < 0).sum()) :], within, fitted.run_scatter))
+    n_segments = fitted.n_within + len(set(o.run[o.run >= 0]))
+    within = scatter["segments"] * random.standard_normal(n_segments) if n_segments else np.empty(0)
+    log = _of_rows(o, ends, within, fitted.run_scatter)
     log *= o.sigma / o.velocity if fitted.known else 1.0
     velocity = point[1] * unit * np.exp(log_alpha + log)
     pressed = point[0] * true.pressed_unit * np.exp(log_pressed)
@@ -207,7 +187,7 @@ def redrawn_effects(
         z = scatter["force"] * random.standard_normal(len(pressed))
         pressed = pressed + z * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(z)
     keep = np.isfinite(velocity)
-    return o.with_outcomes(np.where(keep, velocity, 1.0), pressed).kept(keep)
+    return replace(o, velocity=np.where(keep, velocity, 1.0), pressed=pressed).kept(keep)
 
 
 def _redrawn_levels(item: MixedItem, random: np.random.Generator) -> Observations:
@@ -293,6 +273,21 @@ class Bootstrap:
         )
 
 
+def run_fits(
+    function: Callable[[Any], Any],
+    items: Sequence[Any],
+    executor: Executor | None,
+    store: StorePath | None,
+    progress: Progress | None,
+) -> Floats:
+    """The results of a function of every item, a row each."""
+    # a fit holds the interpreter: more threads than one only wait
+    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
+        return np.array(
+            run_items(function, items, executor=workers, store=store, progress=counter(progress, "fits"))
+        )
+
+
 def bootstrap(
     fit: FitRecord,
     n: int = 1000,
@@ -362,42 +357,28 @@ def bootstrap(
     )
     exponent = evidence.profile.identified.exponent
     seed = seed_or_new(seed)
-    low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
-    scatters = tuple(
-        (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
-    )
-    items: list[BootstrapItem] | list[MixedItem] = [
-        BootstrapItem(
-            fit.observations,
-            fit.shape,
-            fit.residual_kind,
-            fit.table,
-            Box((low[0], low[1]), (high[0], high[1])),
-            fit.given_bounds,
-            fit.c_e,
-            fit.alpha,
-            scatters,
-            kind,
-            seed,
-            k,
-        )
-        for k in range(n)
-    ]
-    function: Any = replicate
+    o = fit.observations
     if mixed is not None:
-        function, plain = mixed_replicate, fit._plain
-        items = [
-            MixedItem(fit.observations, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
+        plain = fit._plain
+        ends = run_fits(mixed_replicate, [
+            MixedItem(o, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
             for k in range(n)
-        ]  # fmt: skip
-    # a fit holds the interpreter: more threads than one only wait
-    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        ends = np.array(
-            run_items(function, items, executor=workers, store=store, progress=counter(progress, "fits"))
+        ], executor, store, progress)  # fmt: skip
+    else:
+        low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
+        box = Box((low[0], low[1]), (high[0], high[1]))
+        scatters = tuple(
+            (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
         )
+        ends = run_fits(replicate, [
+            BootstrapItem(
+                o, fit.shape, fit.residual_kind, fit.table, box, fit.given_bounds, fit.c_e, fit.alpha, scatters,
+                kind, seed, k,
+            )
+            for k in range(n)
+        ], executor, store, progress)  # fmt: skip
     combination = ends[:, 1] / ends[:, 0] ** exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
-    o = fit.observations
     endless = not len(o.pressed) and np.isinf(o.ceiling)
     # data that close c_e's interval tell c_e beyond the ridge's beginning, where v is a power law but for some per cent
     entry = float(o.ridge_entries().max()) * (BEYOND if evidence.ridge.excluded else 1.0)

@@ -62,6 +62,13 @@ class Threshold:
         return float(self.rise(F))
 
 
+def covariance_of(information: Floats) -> Floats:
+    """Its inverse; on a ridge, where it is singular, that of one with a little more on the diagonal."""
+    return np.asarray(
+        np.linalg.inv(information + 1e-10 * np.trace(information) * np.eye(len(information))), np.float64
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """How far -2 log L may rise above its minimum, from the F distribution.
@@ -81,7 +88,7 @@ class Calibration:
     """
 
     scatters: tuple[RowScatter, ...]
-    total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
+    total: Floats  # information, shape (2, 2)
     shares: Floats  # by scatter
     monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data
     inflation: float = 1.0  # chi-square over degrees of freedom, where the data contradict their sigma
@@ -114,24 +121,20 @@ class Calibration:
             return float(np.exp(-rise / 2 / self._joint_inflation()))
         return self.threshold(direction).probability(rise)
 
-    def threshold(self, direction: Floats | None, times: float = 1.0) -> Threshold:
-        """The threshold of one quantity, or the parameters' mean; the rows determine `times` as many."""
-        freedom = np.array(
-            [np.inf if s.known else max(s.n - times * s.parameters, 0.5) for s in self.scatters]
-        )
+    def threshold(self, direction: Floats | None) -> Threshold:
+        """The threshold of one quantity, or the parameters' mean."""
+        freedom = np.array([np.inf if s.known else max(s.n - s.parameters, 0.5) for s in self.scatters])
         weights = self._weights(direction)
         rows = np.array([s.n for s in self.scatters])
-        known = np.isinf(freedom)
-        inflation = float(np.sum(weights * np.where(known, 1.0, rows / freedom)))
+        inflation = float(np.sum(weights * np.where(np.isinf(freedom), 1.0, rows / freedom)))
         nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
         return Threshold(inflation, nu if nu < 1e9 else np.inf)
 
     def variance(self, direction: Floats) -> tuple[float, float]:
         """Squared standard error along a gradient over (log c_e, log alpha), and its degrees of freedom."""
-        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(len(self.total)))
         threshold = self.threshold(direction)
         wider = (1 + self.monte_carlo) * self.inflation * threshold.inflation
-        return wider * float(direction @ inverse @ direction), threshold.nu
+        return wider * float(direction @ covariance_of(self.total) @ direction), threshold.nu
 
     @property
     def joint_freedom(self) -> tuple[float, ...]:
@@ -152,10 +155,9 @@ class Calibration:
     def _weights(self, direction: Floats | None) -> Floats:
         if len(self.scatters) == 1:
             return np.ones(1)
-        q = len(self.total)
-        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(q))
+        inverse = covariance_of(self.total)
         if direction is None:
-            return np.array([np.trace(inverse @ share) / q for share in self.shares])
+            return np.array([np.trace(inverse @ share) / 2 for share in self.shares])
         column = inverse @ direction
         weights = np.array([column @ share @ column for share in self.shares])
         return np.asarray(weights / weights.sum())

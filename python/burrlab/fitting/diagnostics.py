@@ -6,18 +6,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
 from burrlab.fitting.calibration import AnyCalibration
-from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import Domain, Interval, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT
 
 Point: TypeAlias = tuple[float, float]
 ORDER = 0.01  # level of the tests of order and scatter together, by Holm (ours)
@@ -116,8 +116,14 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
         nu = likelihood.n - parameters
         if nu < 1:
             return None
-        text = "The scatter {so} the given sigma: {outcome}."
-        test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
+        test = concluded(
+            "lack of fit",
+            S,
+            (nu,),
+            "The scatter {so} the given sigma: {outcome}.",
+            "agrees with",
+            "contradicts",
+        )
         if 1 - test.p_value < POOR:
             factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
             sentence = (
@@ -547,8 +553,8 @@ def influence(
         The fit [N/mm^2], [1/ms].
     data : sequence of data sets
         Of the fit.
-    given : dict
-        Bounds given to the fit.
+    bounds : dict
+        Given to the fit.
     every : bool
         False returns only the rows that stand out.
 
@@ -579,9 +585,9 @@ def influence(
         rest = rest[rest != worst]
     places = [
         (k, row + 1)
-        for k, one in enumerate(data)
-        if isinstance(one, VelocityCurve)
-        for row in np.flatnonzero(one.ok).tolist()
+        for k, curve in enumerate(data)
+        if isinstance(curve, VelocityCurve)
+        for row in np.flatnonzero(curve.ok).tolist()
     ]
     least = np.sort(np.abs(residual))[-_FARTHEST] if len(r) > _EACH else 0.0
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
@@ -653,37 +659,13 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
     keep = np.arange(len(likelihood.observations.force)) != row
     try:
         o = likelihood.observations.kept(keep)
-        model = likelihood.model
-        few = (
-            MeanFieldModel(o, model.shape)
-            if isinstance(model, MeanFieldModel)
-            else _RemainingRows(model, keep, model.shape, model.law)
-        )
-        rest = likelihood.of_rows(o, few)
+        rest = likelihood.of_rows(o, likelihood.model.kept(o, keep))
         domain = Domain.of(rest, bounds_of(o, bounds), bounds)
     except ValueError:  # too few forces are left
         return _NO_FIT
     best = lowest(rest, domain).point
     evidence = ranges(rest, rest.calibration(*best), domain, best, 0.0)
     return *best, evidence.intervals["c_e"]["95"]
-
-
-@dataclass(frozen=True)
-class _RemainingRows:
-    """A model of some of its rows."""
-
-    model: Model
-    keep: NDArray[np.bool_]
-    shape: Shape
-    law: Law
-
-    def unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
-        return self.model.unit(c_e)[..., self.keep]
-
-    def log_unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
-        return self.model.log_unit(c_e)[..., self.keep]
 
 
 @dataclass(frozen=True)

@@ -218,7 +218,9 @@ def fit(
     begin = time.perf_counter()
     # parse
     sets, law, voxels = _sets(data), Law.of(law), _engine(engine)
-    shape, plausible = law.shape, _range_of(law, plausible)
+    shape = law.shape
+    # the shipped range is for the paper's law; of others only what no law allows is asked
+    plausible = _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
@@ -303,11 +305,6 @@ def fit(
             **({} if voxels is None else voxels._described()),
         ),
     )
-
-
-def _range_of(law: Law, plausible: Bounds | None) -> Bounds | None:
-    """The plausible range; the shipped one is for the paper's law, and of others only what no law allows is asked."""
-    return _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
 
 
 def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
@@ -641,7 +638,7 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
     if likelihood.known or not likelihood.log:
         residuals["velocity"] = likelihood.velocity_residuals(unit * np.exp(likelihood.own_alpha), alpha)
     if likelihood.pressed_known:
-        residuals["pressed"] = likelihood.pressed_residuals(c_e)
+        residuals["pressed"] = o.pressed_residuals(c_e, True)
     r = np.concatenate([residuals[kind][rows] for kind, rows in o.rows])
     chi2 = (
         float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))

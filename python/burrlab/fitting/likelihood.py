@@ -9,18 +9,17 @@ Three kinds of rows scatter independently of one another:
 A scatter is estimated, unless sigma is given: -2 log L is taken at the best scatters.
 """
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
-from burrlab.fitting.calibration import Calibration, RowScatter
+from burrlab.fitting.calibration import Calibration, RowScatter, covariance_of
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.fitting.slices import FLATTER, FREEDOM, AlphaSlices, StudentSlices, TobitSlices, best_scale
 from burrlab.theory.continuum import PER_SECOND, Law, MasterCurve
@@ -46,6 +45,9 @@ class Model(Protocol):
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """Logarithm of `unit`."""
 
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "Model":
+        """The model of some of its rows, which the observations hold."""
+
 
 class MeanFieldModel:
     """Predictions by the scaling law v = alpha (F/1 N)^m R Psi(phi, window; f) (docs/model.md, section 5).
@@ -56,15 +58,6 @@ class MeanFieldModel:
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
         self._curve, self.shape = MasterCurve(shape), shape
-        self._arrange(observations)
-
-    def for_rows(self, observations: Observations) -> "MeanFieldModel":
-        """The same model of other rows."""
-        other = copy.copy(self)
-        other._arrange(observations)
-        return other
-
-    def _arrange(self, observations: Observations) -> None:
         self._n = len(observations.force)
         self.law = Law(self.shape, observations.force_exponent, observations.rate_exponent)
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
@@ -78,6 +71,10 @@ class MeanFieldModel:
             self._groups.append((start, end, pressure, scales, rows, inverse))
             self.prediction[rows] = n_groups + inverse
             n_groups += len(pressure)
+
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "MeanFieldModel":
+        """See `Model`."""
+        return MeanFieldModel(observations, self.shape)
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
@@ -123,7 +120,6 @@ class LinearRows:
     r: Floats
     n: int  # independent rows: K - 1 of a run of K segments
     at: Rows  # the velocity row (of a run its first) or pressed row that each comes from; empty for beliefs
-    drift: Floats  # derivative by the drift of log v from the first run to the last
 
 
 class Likelihood:
@@ -201,7 +197,7 @@ class Likelihood:
             if not isinstance(model, MeanFieldModel):
                 raise ValueError("runs that were too slow need the mean-field engine")
             slow = observations.slow_rows()
-            self._slow = model.for_rows(slow), np.log(slow.velocity)
+            self._slow = MeanFieldModel(slow, model.shape), np.log(slow.velocity)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
         if (
@@ -221,29 +217,43 @@ class Likelihood:
 
         The model is taken as linear there: so the pull of traces and indentations on the fit is removed.
         """
-        _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
-        J, r = J[: len(self._single)], r[: len(self._single)]
+        rows, n = self.linear_rows(c_e, alpha)[0], len(self._single)
+        J, r = rows.J[:n], rows.r[:n]
         return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
 
     def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
-        """All rows near a point, by scatter."""
-        segments = np.concatenate([np.empty(0, np.intp), *self._runs])
-        velocity_rows, tables, run = (
-            self.first_rows,
-            [],
-            np.unique(self.observations.run_number, return_inverse=True)[1],
-        )
-        rise = run / max(run.max(initial=0), 1) - 0.5
-        for name, known, J, r, n in self._derivatives(c_e, alpha):
-            at = {"velocity": velocity_rows, "segments": segments, "force": np.arange(len(r))}.get(
-                name, velocity_rows[:0]
-            )
-            drift = -rise[at] if name == "velocity" else np.zeros(len(r))
-            tables.append(LinearRows(name, known, J, r, n, at, drift))
-        return tables
+        """All rows near a point, by scatter.
 
-    def of_rows(self, observations: Observations, model: Model) -> "Likelihood":
-        """The same kind of likelihood of other rows."""
+        Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
+        """
+        steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
+        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
+        stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
+        around = self.residuals(stiffness, alpha)
+        if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window
+            stiffness[0] = c_e
+            around = self.residuals(stiffness, alpha)
+        width = float(np.log(stiffness[2] / stiffness[0]))
+        # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
+        doubling = np.log(2) if self.log else 1.0
+        twice = self.residuals(c_e, 2 * alpha)
+        nowhere = np.empty(0, np.intp)
+        places = {
+            "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),
+            "force": np.arange(len(self.observations.pressed)), "known": nowhere,
+        }  # fmt: skip
+        slopes = (
+            np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
+            for (_, _, r, _), (_, _, r_twice, _) in zip(around, twice, strict=True)
+        )
+        return [
+            LinearRows(name, known, J, r[1], n, places[name])
+            for (name, known, r, n), J in zip(around, slopes, strict=True)
+        ]
+
+    def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
+        """The same kind of likelihood of other rows, in the mean field unless with a model."""
+        model = model or MeanFieldModel(observations, self.model.shape)
         return Likelihood(observations, self.kind, model, self.beliefs)
 
     @property
@@ -269,8 +279,7 @@ class Likelihood:
         o = self.observations
         if self.log:
             return self._log_residuals(np.log(unit), alpha)
-        sigma = o.sigma if self.known else 1.0
-        return (o.velocity - alpha * unit) / sigma
+        return (o.velocity - alpha * unit) / (o.sigma if self.known else 1.0)
 
     def _log_residuals(self, log_unit: Floats, alpha: float = 1.0) -> Floats:
         raw = np.log(self.observations.velocity) - log_unit
@@ -293,23 +302,13 @@ class Likelihood:
         ]
         return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
 
-    def pressed_residuals(self, c_e: ArrayLike) -> Floats:
-        """Residuals of the pressed rows: in log force, or over sigma where sigma is known."""
-        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
-        o = self.observations
-        if not len(o.pressed):
-            return np.empty((*stiffness.shape[:-1], 0))
-        if self.pressed_known:
-            return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
-        return np.log(o.pressed / o.pressed_unit) - np.log(stiffness)  # log c_e of every pair (Eq. 3)
-
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
         """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
-        unit = self.model.unit(c_e)
+        unit, o = self.model.unit(c_e), self.observations
         tables = [
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
             ("segments", False, self.within_residuals(unit), self.n_within),
-            ("force", self.pressed_known, self.pressed_residuals(c_e), len(self.observations.pressed)),
+            ("force", self.pressed_known, o.pressed_residuals(c_e, self.pressed_known), len(o.pressed)),
             ("known", True, self._belief_residuals(c_e, alpha), len(self.beliefs)),
         ]
         return [table for table in tables if table[3]]
@@ -366,7 +365,8 @@ class Likelihood:
             within = self.within_residuals(self.model.unit(stiffness))
             total += self._minus2(np.sum(within**2, axis=-1), self.n_within)
         if n_pressed:
-            S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
+            r = self.observations.pressed_residuals(stiffness, self.pressed_known)
+            S = np.sum(r**2, axis=-1)
             total += S if self.pressed_known else self._minus2(S, n_pressed)
         return total
 
@@ -419,60 +419,36 @@ class Likelihood:
 
         The shares, shape (number of scatters, 2, 2), are the information from each scatter.
         """
-        tables = self._derivatives(c_e, alpha)
-        shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
+        tables = self.linear_rows(c_e, alpha)
+        shares = np.array([rows.J.T @ rows.J / self._variance(rows) for rows in tables])
         if self.kind == "student":
             shares *= FLATTER
         total = shares.sum(axis=0)
-        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        inverse = covariance_of(total)
         scatters = []
-        for (name, known, _, r, n), share in zip(tables, shares, strict=True):
+        for rows, share in zip(tables, shares, strict=True):
             p = 2.0 if len(tables) == 1 else float(np.trace(inverse @ share))
-            value = 1.0 if known else float(np.sqrt(np.sum(r**2) / max(n - p, 0.5)))
+            value = 1.0 if rows.known else float(np.sqrt(np.sum(rows.r**2) / max(rows.n - p, 0.5)))
             if self.kind == "student":
-                value = float(np.sqrt(self._variance(name, r, n, known) * n / (n - p)))
-            scatters.append(RowScatter(name, n, known, p, value))
+                value = float(np.sqrt(self._variance(rows) * rows.n / (rows.n - p)))
+            scatters.append(RowScatter(rows.name, rows.n, rows.known, p, value))
         return total, tuple(scatters), shares
 
     def variances(self, c_e: float, alpha: float) -> dict[str, float]:
         """Best estimates of the squared scatters, by name, with the model's error."""
-        return {
-            name: self._variance(name, r, n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
-        }
+        return {rows.name: self._variance(rows) for rows in self.linear_rows(c_e, alpha)}
 
     def score(self, c_e: float, alpha: float, variances: Mapping[str, float]) -> Floats:
         """Derivative of log L by (log c_e, log alpha) for given squared scatters, shape (2,)."""
-        return np.asarray(
-            -sum(J.T @ r / variances[name] for name, _, J, r, _ in self._derivatives(c_e, alpha))
-        )
+        tables = self.linear_rows(c_e, alpha)
+        return np.asarray(-sum(rows.J.T @ rows.r / variances[rows.name] for rows in tables))
 
-    def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
+    def _variance(self, rows: LinearRows) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
         if self.kind == "student":
-            return float(best_scale(r, self.floor)[1])
-        floor = self.floor if name == "velocity" else MODEL_ERROR**2
-        return 1.0 if known else float(np.sum(r**2)) / n + floor
-
-    def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
-        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals and n, by scatter.
-
-        Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
-        """
-        steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
-        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
-        stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
-        around = self.residuals(stiffness, alpha)
-        if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window
-            stiffness[0] = c_e
-            around = self.residuals(stiffness, alpha)
-        width = float(np.log(stiffness[2] / stiffness[0]))
-        # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
-        doubling = np.log(2) if self.log else 1.0
-        twice = self.residuals(c_e, 2 * alpha)
-        return [
-            (name, known, np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1), r[1], n)
-            for (name, known, r, n), (_, _, r_twice, _) in zip(around, twice, strict=True)
-        ]
+            return float(best_scale(rows.r, self.floor)[1])
+        floor = self.floor if rows.name == "velocity" else MODEL_ERROR**2
+        return 1.0 if rows.known else float(np.sum(rows.r**2)) / rows.n + floor
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """log L with all constants and the best scatters: the log density of the data in their units."""

@@ -27,9 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab.common.check import nearest, real, refuse, shown
 from burrlab.fitting.calibration import MixedCalibration
-from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows, MeanFieldModel
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows
 from burrlab.fitting.observations import Floats, Group, Observations, Rows
-from burrlab.theory.continuum import WINDOW_STOP
 
 #: Standard deviation of an offset, and its group
 Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
@@ -79,16 +78,14 @@ def components_of(
     for group in observations.groups:
         n_levels, n_rows = (
             len(group.levels),
-            len(set(zip(group.velocity.tolist(), observations.run_number, strict=True))),
+            len(set(zip(group.velocity.tolist(), observations.run_number.tolist(), strict=True))),
         )
         if group.name == "specimen" and n_levels > 2:
             components.append(Component(group, "c_e"))
         if 1 < n_levels < n_rows:
             components.append(Component(group, "alpha"))
     by_name = {group.name: group for group in (observations.sets, *observations.groups)}
-    end = np.where(
-        np.isnan(observations.window_end), WINDOW_STOP * observations.radius, observations.window_end
-    )
+    end = observations.window[1]
     above = float((observations.radius - end).min())
     rooms = {"surface": min(above, float(end.min())) / _REACH, "radius": above / _REACH}
     for name, size in (uncertain or {}).items():
@@ -148,8 +145,10 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
     names = [*OFFSETS, "order"]
     for name in estimate:
         refuse(name not in names, f"estimate may hold {', '.join(names)}: got {name!r}{nearest(name, names)}")
-        twice = name in (uncertain or {}) or list(estimate).count(name) > 1
-        refuse(twice, f"an offset is uncertain or estimated, and once: got {name!r} twice")
+        refuse(
+            name in (uncertain or {}) or list(estimate).count(name) > 1,
+            f"an offset is uncertain or estimated, and once: got {name!r} twice",
+        )
 
 
 def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
@@ -159,11 +158,7 @@ def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Fl
         u = np.append(shifts[block], 0.0)  # a level of -1 has none
         if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
-    return (
-        likelihood
-        if o is likelihood.observations
-        else likelihood.of_rows(o, MeanFieldModel(o, likelihood.model.shape))
-    )
+    return likelihood if o is likelihood.observations else likelihood.of_rows(o)
 
 
 def blocks_of(components: Sequence[Component]) -> list[slice]:
@@ -215,10 +210,16 @@ class LinearModel(RowProducts):
         self.n = np.array([float(rows.n) for rows in self.rows])
         residuals = [rows.r for rows in self.rows]
         self.slopes = {
-            x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation)
+            x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation or 0.0)
             for x in components
+            if x.quantity in OFFSETS
         }
         columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
+        columns |= {name: [rows.J[:, k] for rows in self.rows] for k, name in enumerate(("c_e", "alpha"))}
+        columns["order"] = [  # ln v rises from the first run to the last
+            -likelihood.observations.order[rows.at] if rows.name == "velocity" else np.zeros(len(rows.r))
+            for rows in self.rows
+        ]
         self.columns = []
         #: which level each row of each scatter has, shape (rows, levels), by component
         self.places = [[_places(x.group, rows) for rows in self.rows] for x in components]
@@ -240,35 +241,31 @@ def _places(group: Group, rows: LinearRows) -> Floats:
 
 
 class Slopes:
-    """Derivatives of the residuals by a quantity at any c_e, for each scatter; an offset's by central differences."""
+    """Derivatives of the residuals by an offset at any c_e, for each scatter, by central differences."""
 
     def __init__(
-        self, likelihood: Likelihood, quantity: str, tables: Sequence[LinearRows], deviation: float | None
+        self, likelihood: Likelihood, offset: str, tables: Sequence[LinearRows], deviation: float
     ) -> None:
-        self.quantity, self.tables, o = quantity, tables, likelihood.observations
-        self.beside: list[Likelihood] = []  # for an offset: with more of it, then with less
-        self.of_offset = quantity in OFFSETS
-        if not self.of_offset:
-            return
+        o = likelihood.observations
         # over one standard deviation, so that a kink counts as much as the offset meets it
-        width = deviation or 0.0
         unit = STEP * o.radius.max()
-        windows = unit * max(1.0, float(np.round(width / unit)))
+        windows = unit * max(1.0, float(np.round(deviation / unit)))
         steps: dict[str, tuple[Floats, Floats]] = {
             "force": (
-                np.clip(width, _PART * o.force, _WIDE * o.force),
-                np.clip(width, _PART * o.pressed, _WIDE * o.pressed),
+                np.clip(deviation, _PART * o.force, _WIDE * o.force),
+                np.clip(deviation, _PART * o.pressed, _WIDE * o.pressed),
             ),
             "surface": (
                 np.full(len(o.force), windows),
-                np.clip(width, _PART * o.pressed_depth, _WIDE * o.pressed_depth),
+                np.clip(deviation, _PART * o.pressed_depth, _WIDE * o.pressed_depth),
             ),
             "radius": (np.full(len(o.force), windows), np.full(len(o.pressed), windows)),
         }
-        v_steps, p_steps = steps[quantity]
-        for sign in (1, -1):
-            there = o.moved(quantity, sign * v_steps, sign * p_steps)
-            self.beside.append(likelihood.of_rows(there, MeanFieldModel(there, likelihood.model.shape)))
+        v_steps, p_steps = steps[offset]
+        #: with more of it, then with less
+        self.beside = [
+            likelihood.of_rows(o.moved(offset, sign * v_steps, sign * p_steps)) for sign in (1, -1)
+        ]
         self._steps = [
             (p_steps if rows.name == "force" else v_steps)[rows.at] if len(rows.at) else np.ones(len(rows.r))
             for rows in tables
@@ -276,10 +273,6 @@ class Slopes:
 
     def at(self, c_e: ArrayLike, residuals: Sequence[Floats]) -> list[Floats]:
         """Of each scatter, shape of c_e and (rows,); `residuals` are those at c_e and alpha = 1."""
-        if self.quantity in ("c_e", "alpha"):
-            return [rows.J[:, ("c_e", "alpha").index(self.quantity)] for rows in self.tables]
-        if self.quantity == "order":
-            return [rows.drift for rows in self.tables]
         slopes, (above, below) = [], (beside.residuals(c_e, 1.0) for beside in self.beside)
         for r, step, (_, _, up, _), (_, _, down, _) in zip(residuals, self._steps, above, below, strict=True):
             lost = ~np.isfinite(up) | ~np.isfinite(down)  # a window ends there: from one side

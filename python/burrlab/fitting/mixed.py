@@ -33,10 +33,9 @@ from burrlab.fitting.linear import (
     moved_by,
     reml,
 )
-from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows
+from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
-from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
@@ -61,9 +60,7 @@ def at_best_variances(
     """
     blocks, o = blocks_of(components), likelihood.observations
     forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
-    room = 0.5 * np.min(
-        o.radius - np.where(np.isnan(o.window_start), WINDOW_START * o.radius, o.window_start)
-    )
+    room = 0.5 * np.min(o.radius - o.window[0])
     reach = {  # step and ends of each offset, so that windows stay between 0 and R
         "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
         "surface": (STEP * o.radius.max(), -0.5 * depths.min(), room),
@@ -96,6 +93,15 @@ def at_best_variances(
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def fitted_again(
+    plain: Likelihood, components: Sequence[Component], point: tuple[float, float]
+) -> tuple["MixedLikelihood", Domain, tuple[float, float]]:
+    """The likelihood of other rows at its best variances, the range of its walk, and its best point near a point."""
+    box = bounds_of(plain.observations, None)
+    mixed, end = at_best_variances(plain, components, point, (box.lower[0], box.upper[0]))
+    return mixed, Domain.of(mixed), end
 
 
 def _first_shifts(
@@ -224,8 +230,7 @@ class MixedLikelihood(Likelihood):
             return []
         o = plain.observations
         row = int(np.argmax(o.c_e_bounds()))
-        end = o.window_end[row] if np.isfinite(o.window_end[row]) else WINDOW_STOP * o.radius[row]
-        q, R = o.force_exponent, o.radius[row]
+        q, R, end = o.force_exponent, o.radius[row], o.window[1][row]
         relative = {
             "force": 1 / o.force[row],
             "surface": -q / end,
@@ -252,12 +257,13 @@ class MixedLikelihood(Likelihood):
                 shifts[column], moved[column] = 0.0, by
             if min(there.force.min(), there.radius.min()) <= 0:
                 continue
-            likelihood = plain.of_rows(there, MeanFieldModel(there, plain.model.shape))
+            likelihood = plain.of_rows(there)
             slopes = {
                 x.quantity: Slopes(
-                    likelihood, x.quantity, model.rows, None if x.sought else narrow * (x.deviation or 0.0)
+                    likelihood, x.quantity, model.rows, 0.0 if x.sought else narrow * (x.deviation or 0.0)
                 )
                 for x in self.components
+                if x.quantity in OFFSETS
             }
             parts.append(_Part(likelihood, slopes, shifts, variance, turn, -2 * float(np.log(weight)), moved))
         return parts
@@ -313,9 +319,7 @@ class MixedLikelihood(Likelihood):
         jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
         equations, model = self.equations, self.linear
         residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
-        varying = {
-            name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items() if slopes.of_offset
-        }
+        varying = {name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items()}
         n_points, n_effects = len(stiffness), len(part.shifts)
         rr, rj, jj = np.zeros(n_points), np.zeros(n_points), 0.0
         rZ, jZ = np.zeros((2, n_points, n_effects))
@@ -359,7 +363,7 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`: the weighted sum of squares."""
         return max(float(self.at(c_e).minus2(alpha)[0]), 0.0)
 
-    def of_rows(self, observations: Observations, model: Model) -> Likelihood:
+    def of_rows(self, observations: Observations, model: Model | None = None) -> Likelihood:
         """See `Likelihood`; at the same variances and offsets."""
         plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
         components = [component.of_rows(observations) for component in self.components]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
@@ -180,11 +180,16 @@ class Observations:
         return len(self.force) + len(self.pressed)
 
     @property
-    def run_number(self) -> list[int]:
+    def run_number(self) -> Rows:
         """The run of each velocity row: segments of a trace share one."""
         single = self.run < 0
-        numbers: list[int] = np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run).tolist()
-        return numbers
+        return np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run)
+
+    @property
+    def order(self) -> Floats:
+        """Place of each velocity row's run among all: -1/2 for the first, 1/2 for the last."""
+        run = np.unique(self.run_number, return_inverse=True)[1]
+        return np.asarray(run / max(run.max(initial=0), 1) - 0.5)
 
     @property
     def has_sigma(self) -> bool:
@@ -196,6 +201,14 @@ class Observations:
         return replace(self, force=force, velocity=limit, window_start=start, window_end=end, radius=radius)
 
     @property
+    def window(self) -> tuple[Floats, Floats]:
+        """Start and end of each velocity row's window [mm]; where it is the default one, R/6 and R/3."""
+        start, end, R = self.window_start, self.window_end, self.radius
+        return np.where(np.isnan(start), WINDOW_START * R, start), np.where(
+            np.isnan(end), WINDOW_STOP * R, end
+        )
+
+    @property
     def recorded_force(self) -> Floats:
         """Force of each velocity row as it was measured [N]."""
         return self.force if self.measured_force is None else self.measured_force
@@ -205,6 +218,15 @@ class Observations:
         """R^2 (h/R)^q [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3: q = 3/2)."""
         relative = self.pressed_depth / self.pressed_radius
         return np.asarray(self.pressed_radius**2 * relative**self.force_exponent)
+
+    def pressed_residuals(self, c_e: ArrayLike, known: bool) -> Floats:
+        """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows."""
+        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
+        if known:
+            return np.asarray((self.pressed - stiffness * self.pressed_unit) / self.pressed_sigma)
+        return np.asarray(
+            np.log(self.pressed / self.pressed_unit) - np.log(stiffness)
+        )  # log c_e of each (Eq. 3)
 
     @property
     def rate_factor(self) -> Floats | float:
@@ -223,10 +245,7 @@ class Observations:
             c_e over that of others, as which less force and more depth count. Windows stay
             where they were measured, in mm, and end at R at the latest.
         """
-        start, end = (
-            np.where(np.isnan(window), part * self.radius, window)
-            for window, part in ((self.window_start, WINDOW_START), (self.window_end, WINDOW_STOP))
-        )
+        start, end = self.window
         F, stop, R = self.overloaded
         stop, by = np.where(np.isnan(stop), WINDOW_STOP * R, stop), np.mean(velocity)
         overloaded = np.stack(
@@ -256,25 +275,22 @@ class Observations:
             pressed_depth=self.pressed_depth + pressed,
         )  # fmt: skip
 
-    def with_outcomes(self, velocity: Floats, pressed: Floats) -> "Observations":
-        """The same experiment with other outcomes."""
-        return replace(self, velocity=velocity, pressed=pressed)
-
     def taken(self, velocity: Rows, pressed: Rows, *, run: Rows, groups: tuple[Group, ...]) -> "Observations":
         """Some rows, which may come more than once, with other runs and groups; `rows` stays."""
         columns: dict[str, Any] = {name: getattr(self, name)[velocity] for name in _VELOCITY}
-        columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run, "groups": groups}
-        columns["log_c_e"] = np.broadcast_to(self.log_c_e, self.force.shape)[velocity]
-        sets = Group(
-            self.sets.name, self.sets.levels, self.sets.velocity[velocity], self.sets.pressed[pressed]
-        )
-        return replace(self, sets=sets, measured_force=self.recorded_force[velocity], **columns)._checked()
+        columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run}
+        return replace(
+            self, **columns, groups=groups, measured_force=self.recorded_force[velocity],
+            log_c_e=np.broadcast_to(self.log_c_e, self.force.shape)[velocity],
+            sets=replace(self.sets, velocity=self.sets.velocity[velocity], pressed=self.sets.pressed[pressed]),
+        )._checked()  # fmt: skip
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
-        every = np.arange(len(self.pressed))
-        return self.taken(np.flatnonzero(keep), every, run=self.run[keep], groups=groups)
+        return self.taken(
+            np.flatnonzero(keep), np.arange(len(self.pressed)), run=self.run[keep], groups=groups
+        )
 
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
@@ -323,9 +339,8 @@ class Observations:
 
         There v is a power law of phi and only alpha/c_e^p is determined (docs/model.md, section 5 iii).
         """
-        start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
         with np.errstate(divide="ignore"):
-            return self.force / (self.radius**2 * (start / self.radius) ** self.force_exponent)
+            return self.force / (self.radius**2 * (self.window[0] / self.radius) ** self.force_exponent)
 
 
 def _groups(

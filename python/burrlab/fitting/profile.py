@@ -5,7 +5,7 @@ lowest of the walk. The interval of a quantity at a level is its range over the 
 risen by less than the level's limit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -18,7 +18,7 @@ from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.observations import Box, Floats
+from burrlab.fitting.observations import Box, Floats, bounds_of
 from burrlab.fitting.slices import AlphaSlices
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
@@ -191,9 +191,10 @@ class Domain:
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
-    def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> "Domain":
-        """The whole range of c_e, or the bounds given by the user."""
+    def of(cls, likelihood: Likelihood, box: Box | None = None, bounds: Collection[str] = ()) -> "Domain":
+        """The whole range of c_e and alpha, or the box's where the names of `bounds`, given by the user, hold them."""
         o = likelihood.observations
+        box = box or bounds_of(o, None)
         kinks = tuple(np.unique(likelihood.kinks).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
@@ -333,7 +334,10 @@ def profile(
     evidence = ranges(likelihood, calibration, domain, best, ridge)
     walk, base, joint = evidence.walk, evidence.base, evidence.joint
     rise = walk.minus2 - base
-    alphas = _alphas(walk, base, max(joint.values()))
+    low, high = walk.band(base + max(joint.values()))
+    alpha = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
+    begin, end = max(float(np.nanmin(low)), alpha / BEYOND), min(float(np.nanmax(high)), alpha * BEYOND)
+    alphas = np.geomspace(begin, end, 120)
     x = np.log(walk.c_e)
     table = np.array([_lowest(x, row)[1] for row in walk.slices.minus2_table(alphas)]) - base
     drawn = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
@@ -590,13 +594,6 @@ def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded:
         None if -np.inf < lower < -ENDLESS else float(np.exp(lower)),
         None if upper > ENDLESS else float(np.exp(upper)),
     )
-
-
-def _alphas(walk: Walk, base: float, rise: float) -> Floats:
-    low, high = walk.band(base + rise)
-    best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
-    begin, end = max(float(np.nanmin(low)), best / BEYOND), min(float(np.nanmax(high)), best * BEYOND)
-    return np.geomspace(begin, end, 120)
 
 
 def _lowest(x: Floats, y: Floats) -> tuple[float, float]:

@@ -14,13 +14,13 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
-from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mixed import MixedEffect, MixedEvidence
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.repairs import Repair, Sensitivity, repairs, sensitivities
 from burrlab.fitting.verdict import Ridge, Start, obstacle
-from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of
+from burrlab.fitting.voxel import VoxelTable, model_of
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
@@ -199,7 +199,9 @@ class FitRecord(InJson):
         beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
         logs = self.residual_kind == "sigma" and bool(self.effects or known)
         kind = "log-sigma" if logs else self.residual_kind
-        return Likelihood(self.observations, kind, self.model_of(self.observations), beliefs)
+        return Likelihood(
+            self.observations, kind, model_of(self.observations, self.shape, self.table), beliefs
+        )
 
     @cached_property
     def sensitivity(self) -> tuple[Sensitivity, ...]:
@@ -220,10 +222,6 @@ class FitRecord(InJson):
         if self.evidence is None or self.table is not None or self.observations.slow.size:
             return ()
         return repairs(self._plain, self.likelihood, (self.c_e, self.alpha), self.aic, self.n_parameters)
-
-    def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
-        """The model of this fit; the voxel engine's serves only the rows of its own data."""
-        return model_of(observations, self.shape, self.table)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

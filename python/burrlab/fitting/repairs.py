@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from burrlab._core import shape_names
+from burrlab.fitting.diagnostics import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
-from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
-from burrlab.fitting.observations import Group, bounds_of
+from burrlab.fitting.mixed import MixedLikelihood, fitted_again
+from burrlab.fitting.observations import Group
 from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
 from burrlab.theory.continuum import Law
 
@@ -19,7 +19,6 @@ _NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % 
 _AMOUNTS = {"force": "1 % of the largest ({})", "radius": "1 % ({})"}
 _TEXTS = {"force": "a tare or a friction, an offset of the force"}
 _RADII = {"half the radius, as if the diameter had been given": 0.5, "twice the radius": 2.0}
-Point: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -93,10 +92,8 @@ def without_levels(
         keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
         try:
             o = plain.observations.kept(keep)
-            rest = plain.of_rows(o, MeanFieldModel(o, plain.model.shape))
-            components, box = [x.of_rows(o) for x in fitted.components], bounds_of(o, None)
-            mixed, _ = at_best_variances(rest, components, fitted.point, (box.lower[0], box.upper[0]))
-            domain = Domain.of(mixed, bounds_of(mixed.observations, None), {})
+            components = [x.of_rows(o) for x in fitted.components]
+            mixed, domain, _ = fitted_again(plain.of_rows(o), components, fitted.point)
             c_e, alpha = minima(mixed, domain)[0].point
             interval = ranges(mixed, mixed.calibration(c_e, alpha), domain, (c_e, alpha), 0.0).intervals[
                 "c_e"
@@ -132,29 +129,27 @@ def repairs(
         Those of the fit.
     """
     present = fitted.components if isinstance(fitted, MixedLikelihood) else ()
-    o, shape, gains = plain.observations, plain.model.shape, []
+    o, gains = plain.observations, []
 
     def weigh(what: str, other: Likelihood, offset: Sequence[Component] = ()) -> None:
         """Add the best fit of another likelihood, with one more offset."""
         components = (*present, *offset)
         if other.observations.c_e_bounds().max() >= other.observations.ceiling:
             return
-        box = bounds_of(other.observations, None)
         end: Point | None = point
         if components:
             try:
-                mixed, end = at_best_variances(other, components, point, (box.lower[0], box.upper[0]))
+                mixed, _, end = fitted_again(other, components, point)
             except (ValueError, np.linalg.LinAlgError):  # it leaves a row without a window: no explanation
                 return
             u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])
             what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
             other = mixed if present else mixed.plain
         if not present:
-            box = bounds_of(other.observations, None)
-            end = next((x.point for x in minima(other, Domain.of(other, box, {}))), None)
+            end = next((x.point for x in minima(other, Domain.of(other))), None)
         if end is not None:
-            better = 2 * other.log_likelihood(*end) - 2 * (n_parameters + len(offset))
-            gains.append(Repair(what, aic + better))
+            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*end)
+            gains.append(Repair(what, aic - other_aic))
 
     for name in OFFSETS:
         if plain.kind != "student" and name not in {x.quantity for x in present}:
@@ -162,7 +157,7 @@ def repairs(
     for text, factor in _RADII.items():  # windows that go with R leave a factor of R to c_e and alpha
         there = o.moved("radius", (factor - 1) * o.radius, (factor - 1) * o.pressed_radius)
         if np.isfinite(o.window_end).all() and (there.window_start < there.window_end).all():
-            weigh(text, plain.of_rows(there, MeanFieldModel(there, shape)))
+            weigh(text, plain.of_rows(there))
     for text, law in _other_laws(plain.model.law):
         there = replace(o, force_exponent=law.force_exponent, rate_exponent=law.rate_exponent)
         weigh(text, plain.of_rows(there, MeanFieldModel(there, law.shape)))
@@ -171,10 +166,9 @@ def repairs(
 
 def _other_laws(present: Law) -> list[tuple[str, Law]]:
     """Other shapes of a law, and other exponents."""
-    shapes = [Law(name, present.force_exponent, present.rate_exponent) for name in shape_names]
-    laws = [(f"f = {law.shape.label}", law) for law in shapes]
+    shapes = (Law(name, present.force_exponent, present.rate_exponent) for name in shape_names)
     others = (Law(present.shape, 2.0), Law(present.shape, rate_exponent=1.0), Law("constant", 2.0))
-    laws += [(f"the law {law}", law) for law in others]
+    laws = [(f"f = {law.shape.label}", law) for law in shapes] + [(f"the law {law}", law) for law in others]
     return [(text, law) for text, law in laws if law != present]
 
 

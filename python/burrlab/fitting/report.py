@@ -1,6 +1,7 @@
 """A fit as text and HTML."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from html import escape
 from typing import Any
 
@@ -10,10 +11,8 @@ import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.profile import Interval
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
-from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve
 
 _RESIDUALS = {
@@ -135,17 +134,17 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
     """What was estimated, with its 95 % interval: constants, combination, deviations between groups, offsets, scatters."""
     p = f"{fit.identified.exponent:.4g}" if fit.identified else ""
     rows: list[tuple[str, str, float, float | None, float | None]] = [
-        (name, _UNITS[name], getattr(fit, name), *_ends(fit.intervals[name]["95"])) for name in _UNITS
+        (name, _UNITS[name], getattr(fit, name), *astuple(fit.intervals[name]["95"])) for name in _UNITS
     ]
     if fit.identified is not None:
         unit = f"(1/ms)/(N/mm^2)^{p}"
-        rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *_ends(fit.identified.interval)))
+        rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *astuple(fit.identified.interval)))
     for name, (value, deviation) in fit.provenance.get("known", {}).items():
         ends = (value * np.exp(1.96 * deviation * side) for side in (-1, 1))
         rows.append((f"{name} as given", _UNITS[name], value, *ends))
     for x in fit.effects:
         if x.interval is not None and x.deviation is not None:
-            rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
+            rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *astuple(x.interval)))
         for k, label in enumerate(x.levels if x.interval is None else ()):
             own = x.quantity in ("c_e", "alpha")
             of = (
@@ -161,10 +160,6 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
             rows.append((f"scatter of {s.name}", unit, s.value, np.nan, np.nan))
     names = ("quantity", "unit", "value", "lower_95", "upper_95")
     return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
-
-
-def _ends(interval: Interval) -> tuple[float | None, float | None]:
-    return interval.lower, interval.upper
 
 
 def identification(fit: FitRecord) -> dict[str, str]:
@@ -188,14 +183,14 @@ def identification(fit: FitRecord) -> dict[str, str]:
 def starts(fit: FitRecord) -> list[str]:
     """A table of every search: begin, end and result."""
     names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
-    lines = [f"{names}{'RMS':>11}{'evals':>7}  result"]
-    for s in fit.starts:
-        norm = np.sqrt(s.objective / fit.n_points)
-        lines.append(
-            f"{s.origin:<18}{s.start[0]:>10.4g}{s.end[0]:>10.4g}{s.start[1]:>12.4g}{s.end[1]:>10.4g}{norm:>11.5g}"
-            f"{s.evaluations:>7}  {s.result}"
-        )
-    return lines
+    return [
+        f"{names}{'RMS':>11}{'evals':>7}  result",
+        *(
+            f"{s.origin:<18}{s.start[0]:>10.4g}{s.end[0]:>10.4g}{s.start[1]:>12.4g}{s.end[1]:>10.4g}"
+            f"{np.sqrt(s.objective / fit.n_points):>11.5g}{s.evaluations:>7}  {s.result}"
+            for s in fit.starts
+        ),
+    ]
 
 
 def notes(fit: FitRecord) -> list[str]:
@@ -238,7 +233,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     return lines
 
 
-def ridge(r: Ridge, fit: FitRecord) -> str:
+def ridge(r: verdict.Ridge, fit: FitRecord) -> str:
     """What the forces can determine, in a sentence."""
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
     largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"

@@ -604,8 +604,9 @@ class Fit(FitRecord, Tabulated):
         force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
         x = force if over == "force" else np.arange(1, len(rows) + 1)
         named = np.array([row.named for row in rows])
-        style = {"linestyle": "", **style}
-        look = next_look(ax, style, color=FORCE, marker="o", markersize=4, zorder=3, label="rows")
+        look = next_look(
+            ax, {"linestyle": "", **style}, color=FORCE, marker="o", markersize=4, zorder=3, label="rows"
+        )
         ax.plot(x[~named], size[~named], **look)
         limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
         if limit is not None:

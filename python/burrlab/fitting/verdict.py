@@ -96,8 +96,9 @@ def status_of(
     if doubt is not None:
         return doubt[0], f"{doubt[1]} {at}".strip()
     if not ridge.excluded:
-        combination = f"alpha/c_e^{ridge.exponent:.4g}"
-        return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()
+        return "ridge", (
+            f"These data determine alpha/c_e^{ridge.exponent:.4g}, but not c_e and alpha apart. {at}".strip()
+        )
     if at:
         return "at-bound", at
     c_e, alpha = agreement(ends, best, n)[1:]

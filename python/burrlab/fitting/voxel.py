@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr, Material, Shape
 from burrlab.bone.specimen import Specimen
@@ -18,6 +18,7 @@ from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
+from burrlab.fitting.calibration import covariance_of
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
@@ -77,8 +78,11 @@ class VoxelEngine:
     progress: Progress | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        whole_number = isinstance(self.replicates, (int, np.integer))
-        refuse(not whole_number, f"replicates must be a whole number, got {self.replicates!r}", TypeError)
+        refuse(
+            not isinstance(self.replicates, (int, np.integer)),
+            f"replicates must be a whole number, got {self.replicates!r}",
+            TypeError,
+        )
         refuse(
             self.replicates < 2,
             f"replicates must be at least 2, to show their scatter: got {self.replicates!r}",
@@ -200,13 +204,15 @@ class VoxelTable:
 class VoxelModel:
     """Mean-field velocity of the rows times the table's deviation; see `burrlab.fitting.likelihood.Model`."""
 
-    def __init__(
-        self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
-    ) -> None:
+    def __init__(self, observations: Observations, shape: Shape, table: VoxelTable) -> None:
         self.shape, self._mean_field, self._table = shape, MeanFieldModel(observations, shape), table
         self.law = self._mean_field.law
-        part = table.coefficients if replicate is None else table.coefficients[[replicate]]
-        self._coefficients = part.mean(axis=0).T
+        self._coefficients = table.coefficients.mean(axis=0).T
+
+    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> VoxelModel:
+        """See `burrlab.fitting.likelihood.Model`."""
+        table = replace(self._table, coefficients=self._table.coefficients[:, keep])
+        return VoxelModel(observations, self.shape, table)
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""
@@ -252,31 +258,27 @@ class Descents:
 
         NaN where a descent gave no number, infinite where static contact passed the window's end.
         """
-        items: list[VoxelDescent] = []
-        places: list[tuple[int, int, list[Rows]]] = []
+        work: list[tuple[VoxelDescent, int, int, list[Rows]]] = []
         law = MeanFieldModel(self._observations, self._shape).law
         for i, (c_e, alpha) in enumerate(points.tolist()):
             material = law.material(c_e, alpha, "trial")
             for (radius, force), windows in self._rows.items():
                 for k in range(self._settings.replicates):
                     seed = item_seed(self._seed, force, k)
-                    items.append(
-                        VoxelDescent(Burr(radius), material, force, tuple(windows), self._settings, seed)
+                    descent = VoxelDescent(
+                        Burr(radius), material, force, tuple(windows), self._settings, seed
                     )
-                    places.append((i, k, list(windows.values())))
-        order = sorted(
-            range(len(items)), key=lambda j: items[j].force
-        )  # small forces take longest: they come first
+                    work.append((descent, i, k, list(windows.values())))
+        work.sort(key=lambda part: part[0].force)  # small forces take longest: they come first
         velocities_of_items = run_items(
             sink,
-            [items[j] for j in order],
+            [descent for descent, *_ in work],
             executor=self._engine.executor,
             store=self._engine.store,
             progress=counter(self._engine.progress, "descents"),
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
-        for j, values in zip(order, velocities_of_items, strict=True):
-            i, k, tables = places[j]
+        for (_, i, k, tables), values in zip(work, velocities_of_items, strict=True):
             for rows, value in zip(tables, values, strict=True):
                 velocity[i, k, rows] = value
         return velocity
@@ -387,14 +389,12 @@ def monte_carlo_share(
     with a its curvature, 1/(2 a) = SE_stat^2.
     """
     total, _, _ = likelihood.information(*best)
-    inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
-    o, replicates = likelihood.observations, table.coefficients.shape[0]
+    inverse = covariance_of(total)
+    o = likelihood.observations
     variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
-    scores = [
-        Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best, variances)
-        for k in range(replicates)
-    ]
-    spread = inverse @ np.cov(np.array(scores).T) @ inverse / replicates
+    models = (VoxelModel(o, shape, replace(table, coefficients=part[None])) for part in table.coefficients)
+    scores = [Likelihood(o, likelihood.kind, model).score(*best, variances) for model in models]
+    spread = inverse @ np.cov(np.array(scores).T) @ inverse / len(scores)
     combination = np.array([total[0, 1] / total[1, 1], 1.0])  # alpha/c_e^p, uncorrelated with c_e
     directions = [combination] if c_e_open else [combination, np.array([1.0, 0.0])]
     return float(max((d @ spread @ d) / (d @ inverse @ d) for d in directions))

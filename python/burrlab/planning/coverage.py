@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import nullcontext
-from dataclasses import dataclass, field
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from html import escape
 from typing import Any, TypeAlias
@@ -16,14 +15,14 @@ from numpy.typing import NDArray
 
 from burrlab._core import Material, Shape
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
-from burrlab.common.progress import Progress, counter
+from burrlab.common.progress import Progress
 from burrlab.common.provenance import provenance
-from burrlab.common.study import LATER, StorePath, run_items, stored_as
-from burrlab.fitting.bootstrap import redrawn_effects
+from burrlab.common.study import LATER, StorePath, stored_as
+from burrlab.fitting.bootstrap import redrawn_effects, run_fits
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import check_offsets, components_of
-from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
-from burrlab.fitting.observations import Data, Floats, Observations, bounds_of
+from burrlab.fitting.mixed import MixedLikelihood, fitted_again
+from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import obstacle
@@ -261,18 +260,19 @@ class Coverage:
 
     def rows(self, level: str = "95") -> list[list[str]]:
         """The table as text, header first."""
-        table = [["", *AMONG, "open above", "upper/lower"]]
-        for name in QUANTITIES:
-            table.append(
+        return [
+            ["", *AMONG, "open above", "upper/lower"],
+            *(
                 [
                     name,
                     *(str(self.coverage(name, level, among=among)) for among in AMONG),
                     f"{100 * self.open_above(name, level).value:.1f} %",
                     f"{self.ratio(name, level):.3g}",
                 ]
-            )
-        table.append(["joint", str(self.coverage("joint", level)), "", "", "", ""])
-        return table
+                for name in QUANTITIES
+            ),
+            ["joint", str(self.coverage("joint", level)), "", "", "", ""],
+        ]
 
     def __repr__(self) -> str:
         return "\n".join(
@@ -321,7 +321,7 @@ def _template(experiment: ExperimentPlan, law: Law, c_e: float) -> tuple[Likelih
     """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
     o = experiment.observations(law=law)
     likelihood = Likelihood(o, "relative", MeanFieldModel(o, law.shape))
-    return likelihood, Domain.of(likelihood, bounds_of(o, None), {}), likelihood.model.unit(c_e)
+    return likelihood, Domain.of(likelihood), likelihood.model.unit(c_e)
 
 
 @stored_as("burrlab.fitting.coverage.replicate")
@@ -341,8 +341,8 @@ def replicate(item: CoverageItem) -> Floats:
     n = len(o.force)
     velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", template.model)
-    return _judged(likelihood, domain, item)
+    rows = replace(o, velocity=velocity, pressed=pressed)
+    return _judged(template.of_rows(rows, template.model), domain, item)
 
 
 @dataclass(frozen=True)
@@ -365,23 +365,14 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
     )
     scatter2 = np.array([item.scatter**2, *([item.static_scatter**2] if len(o.pressed) else [])])
 
-    def likelihood(rows: Observations) -> Likelihood:
-        return Likelihood(rows, "relative", MeanFieldModel(rows, item.law.shape))
-
+    plain = Likelihood(o, "relative", MeanFieldModel(o, item.law.shape))
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
-    true = MixedLikelihood(
-        likelihood(o),
-        components,
-        point,
-        np.zeros(sum(len(x.group.levels) for x in components)),
-        scatter2,
-        effect2,
-    )
+    shifts = np.zeros(sum(len(x.group.levels) for x in components))
+    true = MixedLikelihood(plain, components, point, shifts, scatter2, effect2)
     rows = redrawn_effects(o, true, point, {}, random)
-    box = bounds_of(rows, None)
     components = tuple(component.of_rows(rows) for component in components)
-    fitted, _ = at_best_variances(likelihood(rows), components, point, (box.lower[0], box.upper[0]))
-    return _judged(fitted, Domain.of(fitted, bounds_of(fitted.observations, None), {}), item)
+    fitted, domain, _ = fitted_again(plain.of_rows(rows), components, point)
+    return _judged(fitted, domain, item)
 
 
 @lru_cache(maxsize=8)
@@ -523,17 +514,13 @@ def coverage_study(
         )
         for k in range(n)
     ]
-    function: Any = replicate
-    studied: Any = items
     if groups or uncertain:
-        told = tuple((uncertain or {}).items())
-        components_of(mixed_rows(experiment, groups, law), dict(told))  # refuses what no window allows
-        function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
-    # a fit holds the interpreter: more threads than one only wait
-    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        columns = np.array(
-            run_items(function, studied, executor=workers, store=store, progress=counter(progress, "fits"))
-        )
+        offsets = tuple((uncertain or {}).items())
+        components_of(mixed_rows(experiment, groups, law), dict(offsets))  # refuses what no window allows
+        mixed = [MixedCoverageItem(item, groups, offsets) for item in items]
+        columns = run_fits(mixed_replicate, mixed, executor, store, progress)
+    else:
+        columns = run_fits(replicate, items, executor, store, progress)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(
         experiment=experiment,

@@ -19,7 +19,7 @@ from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
-from burrlab.planning.region import NewData, NewRegion, RegionGrid, SharedOffsets
+from burrlab.planning.region import NewData, RegionGrid, SharedOffsets
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, MasterCurve
 
 _SHOWN = 8  # rows of the repr
@@ -85,8 +85,7 @@ class Design:
         return self.rows[0]
 
     def _columns(self, rows: Sequence[Candidate]) -> dict[str, list[str]]:
-        cells = zip(*(_cells(candidate) for candidate in rows), strict=True)
-        columns = dict(zip(_HEADS, map(list, cells), strict=True))
+        columns = dict(zip(_HEADS, map(list, zip(*map(_cells, rows), strict=True)), strict=True))
         if all(candidate.parting is None for candidate in self.rows):
             del columns["AIC apart"]
         return columns
@@ -110,8 +109,7 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; an open interval's ratio is None."""
-        plain: dict[str, Any] = Codec().plain(self)
-        return plain
+        return dict(Codec().plain(self))
 
     @drawing
     def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
@@ -343,23 +341,20 @@ def design(
             slope = law.stretch * float(np.nan_to_num(curve.local_slope(phi)))  # of ln v by ln c_e, negated
             log_velocity, offset2 = offsets.outcome(R, partial(_log_velocity, fit, grid, F, R))
             new = NewData(n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2)
-            after, overloaded = _expected(
-                grid, truth, log_velocity, new, _ceiling(fit, F, R, offsets.known(R))
+            candidates.append(_candidate(
+                grid, truth, log_velocity, new, R, force=F, ceiling=_ceiling(fit, F, R, offsets.known(R)),
+                parting=_parting(fit, against, R, F, n, scatter),
+            ))  # fmt: skip
+            report_progress(len(candidates), total)
+    for h in depth.tolist():
+        if h == depth[0] or offsets.deviations:  # without offsets, depth does not matter
+            log_force, offset2 = offsets.outcome(
+                static_radius, partial(_log_force, fit, grid, h, static_radius)
             )
-            candidate = _candidate(grid, after, overloaded, n, R, force=F)
-            candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n, scatter)))
-            report_progress(len(candidates), total)
-    if len(depth):
-        # without offsets, depth does not matter
-        for h in depth.tolist():
-            if h == depth[0] or offsets.deviations:
-                log_force, offset2 = offsets.outcome(
-                    static_radius, partial(_log_force, fit, grid, h, static_radius)
-                )
-                pairs = NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2)
-                after, _ = _expected(grid, truth, log_force, pairs, 0.0)
-            candidates.append(_candidate(grid, after, 0.0, n, static_radius, depth=h))
-            report_progress(len(candidates), total)
+            pairs = NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2)
+            static_pairs = _candidate(grid, truth, log_force, pairs, static_radius)
+        candidates.append(replace(static_pairs, depth=h))
+        report_progress(len(candidates), total)
     return Design(
         rows=tuple(
             sorted(candidates, key=lambda candidate: (-(candidate.parting or 0.0), candidate.area_ratio))
@@ -432,10 +427,18 @@ def _log_force(
     return np.asarray(grid.log_c_e + change)[:, None]
 
 
-def _expected(
-    grid: RegionGrid, truth: tuple[Rows, Rows], log_outcome: Floats, new: NewData, ceiling: float
-) -> tuple[NewRegion, float]:
-    """The new region of each truth, and the fraction of the truths at which the run is overloaded.
+def _candidate(
+    grid: RegionGrid,
+    truth: tuple[Rows, Rows],
+    log_outcome: Floats,
+    new: NewData,
+    radius: float,
+    *,
+    force: float | None = None,
+    ceiling: float = 0.0,
+    parting: float | None = None,
+) -> Candidate:
+    """A measurement, and what is expected of it over the truths; without a force of static pairs.
 
     A run is overloaded at c_e [N/mm^2] up to `ceiling`; 0 for static pairs.
     """
@@ -443,38 +446,25 @@ def _expected(
     overloaded = np.exp(grid.log_c_e[row]) <= ceiling
     # with its offset a shallow pair may lie above the surface: it tells nothing
     silent = ~overloaded & np.isnan(np.broadcast_to(log_outcome, grid.minus2.shape)[row, column])
+    measured = ~(overloaded | silent)
     log_area, ratio = np.empty(len(row)), np.empty(len(row))
     for at, bound in ((overloaded, ceiling), (silent, np.inf)):
         if at.any():
-            region = grid.below(bound)
-            log_area[at], ratio[at] = region.log_area, region.ratio
-    measured = ~(overloaded | silent)
+            log_area[at], ratio[at] = grid.below(bound)
     if measured.any():
-        region = grid.after(log_outcome, new, (row[measured], column[measured]))
-        log_area[measured], ratio[measured] = region.log_area, region.ratio
-    return NewRegion(log_area, ratio), float(overloaded.mean())
-
-
-def _candidate(
-    grid: RegionGrid,
-    after: NewRegion,
-    overloaded: float,
-    n: int,
-    radius: float,
-    *,
-    force: float | None = None,
-    depth: float | None = None,
-) -> Candidate:
+        truth = row[measured], column[measured]
+        log_area[measured], ratio[measured] = grid.after(log_outcome, new, truth)
     return Candidate(
         kind="static" if force is None else "velocity",
         force=force,
-        depth=depth,
+        depth=None,
         radius=radius,
-        n=n,
-        area_ratio=float(np.exp(np.mean(after.log_area) - grid.log_area)),
-        probability=float(np.mean(after.ratio < SEPARATE)),
-        c_e_ratio=float(np.quantile(after.ratio, 0.5, method="lower")),
-        overloaded=overloaded,
+        n=new.n,
+        area_ratio=float(np.exp(np.mean(log_area) - grid.log_area)),
+        probability=float(np.mean(ratio < SEPARATE)),
+        c_e_ratio=float(np.quantile(ratio, 0.5, method="lower")),
+        overloaded=float(overloaded.mean()),
+        parting=parting,
     )
 
 

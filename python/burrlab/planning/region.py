@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from burrlab.common.check import refuse
-from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
+from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter, covariance_of
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import MixedEffect, MixedLikelihood
@@ -19,18 +21,6 @@ _COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e: at first, after each zoom
 _FAR_ROWS = 12  # further c_e, which only show whether c_e has an upper end
 _BLOCK = 8  # truths at once, so that their tables stay in the cache
 _EXCLUDED = 1e9  # rise of -2 log L at impossible points; finite, so that it can be interpolated
-
-
-@dataclass(frozen=True)
-class RiseLimits:
-    """Rises of -2 log L at 95 %."""
-
-    joint: float  #: bounds the joint region
-    c_e: float  #: bounds c_e's interval
-
-    @classmethod
-    def of(cls, calibration: AnyCalibration) -> "RiseLimits":
-        return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,23 +50,20 @@ class NewData:
             d += np.log(wider)
         return d
 
-    def limits(self, old: AnyCalibration) -> RiseLimits:
-        """Limits of the fit with these data, which are of c_e alone; a scatter of their own changes them."""
+    def calibration(self, old: AnyCalibration) -> AnyCalibration:
+        """The calibration of the fit with these data, which are of c_e alone; a scatter of their own changes it."""
         if not (self.own and isinstance(old, Calibration)):
-            return RiseLimits.of(old)
+            return old
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
         total = old.total + share
-        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        inverse = covariance_of(total)
         new = RowScatter("force", self.n, False, float(np.trace(inverse @ share)), self.scatter)
         scatters = tuple(
             replace(s, parameters=float(np.trace(inverse @ part)))
             for s, part in zip(old.scatters, old.shares, strict=True)
         )
-        return RiseLimits.of(
-            replace(
-                old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
-            )
-        )
+        shares = np.concatenate([old.shares, share[None]])
+        return replace(old, scatters=(*scatters, new), total=total, shares=shares)
 
 
 class SharedOffsets:
@@ -113,8 +100,9 @@ class SharedOffsets:
 
     def known(self, radius: float) -> dict[str, float]:
         """The offsets at the fit that data of a burr share [N], [mm]: another burr has a radius of its own."""
-        kept = [name for name in self.shared if name != "radius" or radius in self.radii]
-        return {name: self.shared[name].values[0] for name in kept}
+        return {
+            name: x.values[0] for name, x in self.shared.items() if name != "radius" or radius in self.radii
+        }
 
     def outcome(
         self, radius: float, log_outcome: Callable[[Mapping[str, float]], Floats]
@@ -145,8 +133,7 @@ class SharedOffsets:
         return mean, np.nan_to_num(variance) if self.deviations else 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class NewRegion:
+class NewRegion(NamedTuple):
     """The region after new data, for each of several truths, shape (t,)."""
 
     log_area: Floats  #: of the joint 95 % region, in (log c_e, log alpha)
@@ -165,7 +152,6 @@ class RegionGrid:
     minus2: Floats  # shape (m, a), above its minimum
     width: Floats  # of each row in log c_e, shape (m,); 0 for the far ones
     calibration: AnyCalibration
-    limits: RiseLimits
     farthest: float  # rise up to which truths are drawn
     low_hard: bool
     high_hard: bool
@@ -179,9 +165,7 @@ class RegionGrid:
             "a design needs a fit of one c_e and one alpha: whose would new data share?",
         )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
-        domain = Domain.of(
-            fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)
-        )
+        domain = Domain.of(fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), fit.given_bounds)
         limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
         # the truth itself stays possible, so no point of a new region is higher than this
         reach = limit + farthest
@@ -207,16 +191,15 @@ class RegionGrid:
             minus2,
             width,
             calibration,
-            RiseLimits.of(calibration),
             farthest,
             domain.low_hard,
             domain.high_hard,
         )
 
-    @property
+    @cached_property
     def log_area(self) -> float:
         """Logarithm of the area of the joint 95 % region of the fit."""
-        return float(np.log(self._area(self.minus2[None], self.limits.joint)[0]))
+        return float(np.log(self._area(self.minus2[None], _limits(self.calibration)[0])[0]))
 
     def truths(self, n: int, random: np.random.Generator) -> tuple[Rows, Rows]:
         """Rows and columns of n points, drawn within 99.7 % by exp(-rise/2), flat in (log c_e, log alpha).
@@ -247,7 +230,7 @@ class RegionGrid:
         impossible = np.isnan(predicted)
         old = np.where(impossible, _EXCLUDED, self.minus2)
         y = np.where(impossible, 0.0, predicted)
-        limits = new.limits(self.calibration)
+        limits = _limits(new.calibration(self.calibration))
         regions = []
         for begin in range(0, len(row), _BLOCK):
             block = slice(begin, begin + _BLOCK)
@@ -258,18 +241,16 @@ class RegionGrid:
 
     def below(self, ceiling: float) -> NewRegion:
         """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
-        excluded = self.log_c_e[:, None] >= np.log(ceiling)
-        table = np.where(excluded, _EXCLUDED, self.minus2)[None]
-        return NewRegion(*self._region(table, self.limits, self.high_hard or ceiling < np.inf))
+        table = np.where(self.log_c_e[:, None] >= np.log(ceiling), _EXCLUDED, self.minus2)[None]
+        return self._region(table, _limits(self.calibration), self.high_hard or ceiling < np.inf)
 
-    def _region(self, table: Floats, limits: RiseLimits, high_hard: bool) -> tuple[Floats, Floats]:
-        """Log area, and ratio of c_e's interval, of tables of -2 log L, shape (t, m, a)."""
+    def _region(self, table: Floats, limits: tuple[float, float], high_hard: bool) -> NewRegion:
+        """Of tables of -2 log L, shape (t, m, a)."""
         profile = table.min(axis=2)
         base = profile.min(axis=1)
         table -= base[:, None, None]
-        return np.log(self._area(table, limits.joint)), self._ratio(
-            profile - base[:, None], limits.c_e, high_hard
-        )
+        log_area = np.log(self._area(table, limits[0]))
+        return NewRegion(log_area, self._ratio(profile - base[:, None], limits[1], high_hard))
 
     def _area(self, rise: Floats, limit: float) -> Floats:
         """Area where the rise is below its limit, between the columns by linear interpolation."""
@@ -293,6 +274,11 @@ class RegionGrid:
         lower = crossing(first, np.maximum(first - 1, 0))
         is_open = (last == last_row) & (not high_hard) | (first == 0) & (not self.low_hard)
         return np.where(is_open, np.inf, np.exp(upper - lower))
+
+
+def _limits(calibration: AnyCalibration) -> tuple[float, float]:
+    """Rises of -2 log L at 95 % that bound the joint region, and c_e's interval."""
+    return calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E)
 
 
 def _columns(

@@ -12,6 +12,8 @@ from scipy import stats
 
 from burrlab.psychophysics import (
     Analysis,
+    AnswerRow,
+    Answers,
     Counts,
     PsychometricFit,
     SelectionEffect,
@@ -221,6 +223,7 @@ def test_json_that_is_none_is_named(three, content, sentence, tmp_path):
         Analysis.from_json(path)
 
 
+_LEVELS = Answers("01", "level", "2ifc", (AnswerRow(0.0, 1.0, "RC", "first", False, 1.0, 1, level=1.2),))
 _ABX = Counts("abx", 4, 5, 0, 5)
 
 
@@ -240,6 +243,8 @@ _ABX = Counts("abx", 4, 5, 0, 5)
         (ValueError, lambda: analyse([]), "data must hold answers, got none"),
         (ValueError, lambda: analyse({"probing": {"01": THREE["01"], "02": _ABX}}),
          "task probing must be of one kind, got abx, same-different"),
+        (ValueError, lambda: analyse({"level": {"01": _LEVELS, "02": Counts("2ifc", 3, 5, 1, 5)}}),
+         "task level has levels, and counts of subject 02 have none"),
         (ValueError, lambda: analyse(THREE, rules=[]), "rules must hold one at least, got none"),
         (ValueError, lambda: analyse(THREE, rules=["x"]),
          "rule must be one of independent-observations, differencing, got 'x'"),

@@ -418,6 +418,8 @@ class TestOffsets:
         assert with_days.repairs[0].what.startswith("a tare")
         fit = burrlab.fit(clean, groups=())
         assert max(x.gain for x in fit.repairs) < 4
+        named = [x.what for x in burrlab.fit(clean, law="constant", groups=()).repairs]
+        assert len(set(named)) == len(named)
         assert "AIC lower by" not in fit.report()
 
     def test_an_explanation_that_leaves_no_window_is_none(self):

@@ -168,8 +168,8 @@ def _other_laws(present: Law) -> list[tuple[str, Law]]:
     """Other shapes of a law, and other exponents."""
     shapes = (Law(name, present.force_exponent, present.rate_exponent) for name in shape_names)
     others = (Law(present.shape, 2.0), Law(present.shape, rate_exponent=1.0), Law("constant", 2.0))
-    laws = [(f"f = {law.shape.label}", law) for law in shapes] + [(f"the law {law}", law) for law in others]
-    return [(text, law) for text, law in laws if law != present]
+    laws = {law: f"the law {law}" for law in others} | {law: f"f = {law.shape.label}" for law in shapes}
+    return [(text, law) for law, text in laws.items() if law != present]
 
 
 def repair_sentence(ranked: Sequence[Repair]) -> list[str]:

@@ -620,6 +620,11 @@ def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
         else SubjectData(str(subject), source, simulated=simulated)
         for subject, source in subjects.items()
     ]
+    without = [x.subject for x in group if x.answers is None]
+    refuse(
+        without and any(x.levels for x in group),
+        f"task {name} has levels, and counts of subject {', '.join(without)} have none",
+    )
     return TaskData(name or task, task, tuple(group), designs.get(first, {}))
 
 

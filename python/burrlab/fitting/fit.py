@@ -218,9 +218,7 @@ def fit(
     begin = time.perf_counter()
     # parse
     sets, law, voxels = _sets(data), Law.of(law), _engine(engine)
-    shape = law.shape
-    # the shipped range is for the paper's law; of others only what no law allows is asked
-    plausible = _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
+    shape, plausible = law.shape, _range_of(law, plausible)
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
@@ -305,6 +303,11 @@ def fit(
             **({} if voxels is None else voxels._described()),
         ),
     )
+
+
+def _range_of(law: Law, plausible: Bounds | None) -> Bounds | None:
+    """The plausible range; the shipped one is for the paper's law, and of others only what no law allows is asked."""
+    return _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
 
 
 def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:

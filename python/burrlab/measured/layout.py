@@ -50,6 +50,16 @@ _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 DataSet = TypeVar("DataSet", bound=TableData)
 
 
+def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> dict[str, str]:
+    refuse(
+        not isinstance(groups, Mapping | None) or not isinstance(specimen, str | None),
+        f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
+        f"{shown(groups)} and {shown(specimen)}",
+        TypeError,
+    )
+    return dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
+
+
 class TableLayout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
@@ -74,10 +84,7 @@ class TableLayout:
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.common_unit: dict[str, str] = {}  #: A unit for all, by the columns that can have it.
         if isinstance(unit, str):
-            unit = _letters(unit)
-            self.common_unit = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
-            known = dict.fromkeys(text for base in self.units.values() for text in UNITS[base])
-            refuse(not self.common_unit, f"unit must be one of {', '.join(known)}: got {shown(unit)}")
+            self.common_unit = self._columns_of_unit(_letters(unit))
             self.units |= self.common_unit
             unit = {}
         _check_mapping("unit", unit, self.units, str)
@@ -103,15 +110,16 @@ class TableLayout:
         self.columns: dict[str, Any] = {}  #: By our names.
         self.others: dict[str, list[str]] = {}  #: By their headings.
         self.groups: dict[str, list[str]] = {}  #: Labels of the rows, by the group's name.
-        refuse(
-            not isinstance(groups, Mapping | None) or not isinstance(specimen, str | None),
-            f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
-            f"{shown(groups)} and {shown(specimen)}",
-            TypeError,
-        )
-        self.group_headings = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
+        self.group_headings = _group_headings(groups, specimen)
         self.skipped: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
+
+    def _columns_of_unit(self, unit: str) -> dict[str, str]:
+        """The columns that can have a unit for all, each with this unit."""
+        takers = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
+        units = dict.fromkeys(known for base in self.units.values() for known in UNITS[base])
+        refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
+        return takers
 
     def file(self, file: Path | IO[str] | IO[bytes]) -> "TableLayout":
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""

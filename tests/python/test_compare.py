@@ -1,5 +1,6 @@
 """Fits compared: ratios, a joint test, equivalent velocities; how often they are right; the command."""
 
+import html
 import io
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
@@ -180,6 +181,7 @@ def test_report_figure_and_json():
                   "can be of one material", "equivalent within 20 %", "Undetermined is not equal"):  # fmt: skip
         assert words in text
     assert compared.verdict in text
+    assert compared._repr_html_() == f"<pre>{html.escape(text)}</pre>"
     assert repr(compared) == "Comparison(bone, small forces: 0 of 1 pairs differ)"
     assert "\nThese runs of B and C differ (C over B: velocity " in compare(A, B, C).verdict
     ax = compared.plot()

@@ -84,7 +84,7 @@ class TestIndentation:
             noise = [1 + e if residuals == "sigma" else np.exp(e) for e in errors]
             outcomes = {"velocity": v * noise[0], "pressed": F * noise[1]}
             drawn = likelihood.of_rows(replace(likelihood.observations, **outcomes), likelihood.model)
-            poor += goodness(drawn, point, lack_of_fit(drawn, point)).poor
+            poor += goodness(drawn, point, lack_of_fit(drawn, point), []).poor
             found.append([test.p_value for test in indentation_tests(drawn)])
         print(f"{residuals}, {len(set(depths))} depths: {poor} of {n} clean sets contradict")
         assert poor <= stats.binom.isf(1e-6, n, POOR)

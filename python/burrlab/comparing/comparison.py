@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from itertools import combinations
 from typing import Any
 
@@ -139,6 +140,9 @@ class Comparison(InJson, Tabulated):
         names = ", ".join(data_set.name for data_set in self.sets)
         differ = sum(pair.differ for pair in self.pairs)
         return f"Comparison({names}: {differ} of {len(self.pairs)} pairs differ)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """Verdict, tables and sentences as text."""

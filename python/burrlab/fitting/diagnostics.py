@@ -330,13 +330,15 @@ class Goodness:
         return f"The data contradict the model{their}. {self.test.sentence}{wider}"
 
 
-def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) -> Goodness:
-    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats.
+def goodness(
+    likelihood: Likelihood, point: Point, lack: HypothesisTest | None, known: list[HypothesisTest]
+) -> Goodness:
+    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats; `known` of beliefs.
 
     The test of the velocities and those of an indentation share the 0.005 evenly.
     """
     test = curvature(likelihood, point) if lack is None else lack
-    o, presses, known = likelihood.observations, indentation_tests(likelihood), belief_tests(likelihood)
+    o, presses = likelihood.observations, indentation_tests(likelihood)
     limit = POOR / max(len(presses) + len(known) + (test is not None), 1)
     against = [test, *known] if test is not None and _off(likelihood, point) > _NO_MATTER else known
     if presses and np.std(np.log(o.pressed / o.pressed_unit)) > _NO_MATTER:

@@ -582,7 +582,8 @@ def _weighed(
         monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
         calibration = replace(calibration, monte_carlo=monte_carlo)
         profiled = profile(likelihood, calibration, domain, best, exponent)
-    fits, unscaled = goodness(likelihood, best, lack), None
+    known = belief_tests(likelihood)
+    fits, unscaled = goodness(likelihood, best, lack, known), None
     if fits.inflation > 1:
         unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
         profiled = profile(likelihood, calibration, domain, best, exponent)
@@ -622,7 +623,7 @@ def _weighed(
         else "",
         *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
         *silent_groups(o, mixed.effects if mixed else ()),
-        *(test.sentence for test in belief_tests(likelihood) if test.sentence not in fits.sentence),
+        *(test.sentence for test in known if test.sentence not in fits.sentence),
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),

@@ -70,6 +70,7 @@ def test_data_that_contradict_the_model_without_sigma(velocity, name):
     found = fit(VelocityCurve(forces, velocity, radius=3.0))
     assert (found.status, found.evidence.goodness.test.name) == ("poor-fit", name)
     assert found.verdict.startswith("The data contradict the model.")
+    assert f"1/ms, {'one of many' if found._on_ridge else 'contradicted'}" in found.report()
     assert found.evidence.unscaled is None  # their scatter is estimated: the intervals hold it already
 
 

@@ -74,6 +74,12 @@ def test_data_that_contradict_the_model_without_sigma(velocity, name):
     assert found.evidence.unscaled is None  # their scatter is estimated: the intervals hold it already
 
 
+def test_the_verdict_tells_of_an_indentation_only_where_it_contradicts():
+    exact = curve(scatter=0.0)
+    press = burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.2, 0.4], repeats=3, scatter=0.05, seed=1)
+    assert fit([exact, press]).verdict.startswith("c_e and alpha are separately identified")
+
+
 @pytest.mark.parametrize("power", [1, 2])
 def test_parameters_that_a_window_bounds_are_not_identified(power):
     forces = np.geomspace(0.4, 2.4, 24)

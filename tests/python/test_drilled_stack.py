@@ -12,6 +12,7 @@ from label_scenes import anatomy_bone
 from PIL import Image
 from session_scenes import refused
 
+from burrlab.bone.slices import stack_slices
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 from burrlab.volume import OccupancyMap, load_drilled, read_stack, save_drilled
 
@@ -112,3 +113,8 @@ def test_descriptions_in_other_styles_name_the_new_slices(tmp_path: Path, text: 
     found = read_stack(tmp_path / "new" / "v.yaml")
     assert np.count_nonzero(found.values != volume.values) > 0
     np.testing.assert_allclose(found.spacing, volume.spacing)
+
+
+def test_a_volume_whose_name_has_brackets_is_no_pattern_of_slices(tmp_path: Path) -> None:
+    (tmp_path / "ct[1].nrrd").touch()
+    assert stack_slices(os.fspath(tmp_path / "ct[1].nrrd")) is None

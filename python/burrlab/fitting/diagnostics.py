@@ -340,7 +340,7 @@ def goodness(
     test = curvature(likelihood, point) if lack is None else lack
     o, presses = likelihood.observations, indentation_tests(likelihood)
     limit = POOR / max(len(presses) + len(known) + (test is not None), 1)
-    against = [test, *known] if test is not None and _off(likelihood, point) > _NO_MATTER else known
+    against = [test, *known] if test is not None and _off(likelihood, point) > _NO_MATTER else [*known]
     if presses and np.std(np.log(o.pressed / o.pressed_unit)) > _NO_MATTER:
         against += presses
     against = sorted((bad for bad in against if bad.p_value < limit), key=lambda bad: bad.p_value)

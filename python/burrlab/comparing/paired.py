@@ -81,8 +81,9 @@ class Paired:
             freedom: tuple[float, ...] = (1.0, self.calibration.freedom(ALPHA))
             p = self.calibration.probability(rise, ALPHA)
         else:
-            rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
-            p, freedom = self.calibration.probability(rise), self.calibration.joint_freedom
+            rise = float(self.change @ np.linalg.solve(self.calibration.adjusted, self.change))
+            freedom = (2.0, self.calibration.freedom_of_sum)
+            p = float(special.fdtrc(*freedom, rise / 2))
         F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)
         units = f", paired by {self.group}" if self.group else ""
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
@@ -101,19 +102,17 @@ class JointModel(RowProducts):
     points : pair of (c_e, alpha)
     shared : sequence of str
         Offsets that both have in common.
-    varies : bool
-        Whether the difference varies from pair to pair.
     one_c_e : bool
         Whether c_e is common to both: columns c_e, alpha, alpha'.
     """
 
     def __init__(
         self, likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str],
-        varies: bool, one_c_e: bool = False,
+        one_c_e: bool = False,
     ) -> None:  # fmt: skip
         self.n_fixed = 3 if one_c_e else 4
         plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
-        common = _effects_of_groups([x.observations for x in plain], varies)
+        common = _effects_of_groups([x.observations for x in plain])
         offsets = [_offsets(likelihood) for likelihood in likelihoods]
         common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
         models = []  # of each side: the common effects, its own, J and r
@@ -156,7 +155,7 @@ def _embedded(models: Sequence[LinearModel], n_common: int, one_c_e: bool) -> li
 _Both: TypeAlias = tuple[Component, Component]  # one of each side
 
 
-def _effects_of_groups(sides: Sequence[Observations], varies: bool) -> list[_Both]:
+def _effects_of_groups(sides: Sequence[Observations]) -> list[_Both]:
     """Effects of groups that both sides have in common, and of their difference, which varies with one variance."""
     common: list[_Both] = []
     names = [{group.name: group for group in side.groups} for side in sides]
@@ -169,7 +168,7 @@ def _effects_of_groups(sides: Sequence[Observations], varies: bool) -> list[_Bot
         if len(levels) > 1:
             common.append((Component(first, "alpha"), Component(second, "alpha")))
         repeated = all(len(side.force) > len(group.levels) for side, group in zip(sides, groups, strict=True))
-        if varies and repeated and len({*groups[0].levels} & {*groups[1].levels}) > 1:
+        if repeated and len({*groups[0].levels} & {*groups[1].levels}) > 1:
             apart = tuple(f"{side} {level}" for side in "AB" for level in levels)
             second = Group(name, apart, second.velocity + len(levels), second.pressed + len(levels))
             common.append((
@@ -202,7 +201,7 @@ def _fitted_jointly(
     one_c_e: bool,
 ) -> tuple[Floats, MixedCalibration]:
     """Differences of log c_e and log alpha, second less first, of likelihoods that share effects; and their limits."""
-    logs, varies = np.log(np.array(points)), True
+    logs = np.log(np.array(points))
     hard = [float(x.observations.c_e_bounds().max()) for x in likelihoods]
     if one_c_e:  # the best of both together, where each row of both has a window
         hard += [
@@ -213,9 +212,7 @@ def _fitted_jointly(
         c_e = np.geomspace(max(hard), C_E_RANGE * max(hard), _POINTS)[1:]
         logs[:, 0] = np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))])
     for _ in range(_ROUNDS):
-        model = JointModel(
-            likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, varies, one_c_e
-        )
+        model = JointModel(likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, one_c_e)
         equations = reml(model)
         if one_c_e:  # linear in log alpha: the first step is the last
             step = np.zeros((2, 2))
@@ -225,10 +222,7 @@ def _fitted_jointly(
             logs = logs + step
             logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
         if np.abs(step).max() < 1e-6:
-            own = [k for k, x in enumerate(model.components) if x.varies]
-            if not varies or equations.effect2[own].any():
-                break
-            varies = False  # the difference is one for all pairs
+            break
     return np.array([0.0, change[0]]) if one_c_e else logs[1] - logs[0], difference_of(equations)
 
 

@@ -201,6 +201,15 @@ class MixedCalibration:
                 return _freedom_at(1, float(parts @ limits + (1 - parts.sum()) * special.chdtri(1, 0.05)))
         return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, _KNOWN))
 
+    @property
+    def freedom_of_sum(self) -> float:
+        """nu at which F with 2 and nu has the limit of two squares of t: of the direction that knows least, and across."""
+        root = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+        freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
+        least = int(np.argmin(freedoms))
+        return _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
+
     def variance(self, direction: Floats) -> tuple[float, float]:
         """See `Calibration.variance`."""
         wider = (1 + self.monte_carlo) * self.inflation
@@ -262,10 +271,7 @@ class MixedCalibration:
         if self.variances is None:
             apart = min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
         else:
-            angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
-            freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
-            least = int(np.argmin(freedoms))
-            apart = _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
+            apart = self.freedom_of_sum
         if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
             return apart, max(bias, 1.0)
         freedom = 4 + 4 / (2 * ratio - 1)

@@ -39,6 +39,7 @@ _DIAGONAL = 1e-10  # of the information's trace, added to its diagonal: on a rid
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
+_SCORINGS, _FLAT = 50, 1e-9  # of variances below 0, at most; the fall of the criterion that ends them
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 
 
@@ -53,7 +54,9 @@ class Component:
     quantity: str  # "c_e", "alpha", "order" or an offset
     deviation: float | None = None
     sought: bool = False
-    varies: bool = False  # of a pair: by how much the difference of two sets varies
+    varies: bool = (
+        False  # of a pair: by how much the difference of two sets varies; its variance may be below 0
+    )
 
     @property
     def moves(self) -> bool:
@@ -315,12 +318,18 @@ class MixedEquations:
         C = self.C[np.ix_(columns, columns)] if C is None else C
         variance = self.variance[columns] if variance is None else variance
         random = np.isfinite(variance)
-        scale = np.where(random, np.sqrt(np.where(random, variance, 1.0)), 1.0)
+        scale = np.where(random, np.sqrt(np.where(random, np.abs(variance), 1.0)), 1.0)
         H = scale[:, None] * C * scale
         added = _DIAGONAL * np.einsum("...ii->...i", H)[..., ~random].sum(axis=-1)
         at = np.arange(len(columns))
-        H[..., at, at] += np.where(random, 1.0, np.expand_dims(added, -1))
+        H[..., at, at] += np.where(random, np.where(variance < 0, -1.0, 1.0), np.expand_dims(added, -1))
         return scale[:, None] * np.linalg.inv(H) * scale, H
+
+    @property
+    def definite(self) -> bool:
+        """Whether V is positive definite: negative eigenvalues of H are as many as negative variances."""
+        H = self.inverse(np.arange(len(self.c)))[1]
+        return bool(np.sum(np.linalg.eigvalsh(H) < 0) == np.sum(self.variance < 0))
 
     def criterion(self, restricted: bool = True) -> float:
         """-2 log of the restricted likelihood, or of the likelihood, without constants."""
@@ -436,4 +445,30 @@ def reml(model: RowProducts) -> MixedEquations:
         )
         for scatter2, between in (begins if n_effects else begins[1:])
     ]  # fmt: skip
-    return equations(min(ends, key=lambda end: float(end.fun)).x)
+    best = equations(min(ends, key=lambda end: float(end.fun)).x)
+    below = [x.varies and not best.effect2[k] for k, x in enumerate(model.components)]
+    return _below_zero(best, np.array(below)) if any(below) else best
+
+
+def _below_zero(equations: MixedEquations, below: NDArray[np.bool_]) -> MixedEquations:
+    """The equations where some variances that are estimated as 0 may be negative, by scoring.
+
+    The rows' covariance V stays positive definite. Were the variance of the pairs' differences kept at 0, the test of
+    their mean would have the rows' degrees of freedom, and find too much; so, in balanced rows, it is the paired t test.
+    """
+    free, estimated = equations.free, equations.model.estimated
+    for _ in range(_SCORINGS):
+        step = -equations.uncertainty().of_variances @ equations.score() / 2
+        last = equations
+        for part in 0.5 ** np.arange(20):
+            scatter2, effect2 = last.scatter2.copy(), last.effect2.copy()
+            scatter2[free] = np.maximum(scatter2[free] + part * step[: len(free)], MODEL_ERROR**2)
+            effect2[estimated] += part * step[len(free) :]
+            effect2[~below] = np.maximum(effect2[~below], 0.0)
+            trial = MixedEquations(last.model, scatter2, effect2)
+            if trial.definite and trial.criterion() < last.criterion():
+                equations = trial
+                break
+        if equations is last or last.criterion() - equations.criterion() < _FLAT:
+            break
+    return equations

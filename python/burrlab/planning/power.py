@@ -296,11 +296,10 @@ def _power(
         o = Observations.of([curve], None, None, fit.law)
         likelihoods.append(Likelihood(o, "relative", MeanFieldModel(o, fit.shape)))
     points = [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)]
-    models = [JointModel(likelihoods, points, (), varies) for varies in (False, True)]
+    model = JointModel(likelihoods, points, ())
 
     def calibration(difference2: float) -> MixedCalibration:
-        """At a variance of the drills' difference; 0 is dropped from the model, as `burrlab.compare` does."""
-        model = models[difference2 > 0]
+        """At a variance of the drills' difference."""
         effect2 = [difference2 / 2 if x.varies else between[x.quantity] ** 2 for x in model.components]
         return difference_of(MixedEquations(model, np.full(2, within**2), np.array(effect2)))
 
@@ -316,13 +315,13 @@ def _power(
     estimates = (
         np.random.default_rng(0).standard_normal((_DRAWS, 2)) @ np.linalg.cholesky(true.covariance).T + change
     )
-    # the variance of the difference is estimated from n - 1 degrees of freedom, and at least 0
+    # the variance of the difference is estimated from n - 1 degrees of freedom, and may be below 0
     quantiles = special.fdtri(n - 1, 2 * n * (len(force) - 1), (np.arange(_NODES) + 0.5) / _NODES)
     total = 0.0
     for variance in (of_mean + between["difference"] ** 2) * quantiles - of_mean:
-        seen = calibration(max(float(variance), 0.0))
-        rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.covariance), estimates)
-        total += float(np.mean(rise > seen.limit(1 - ERROR)))
+        seen = calibration(float(variance))
+        rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.adjusted), estimates)
+        total += float(np.mean(rise / 2 > special.fdtri(2, seen.freedom_of_sum, 1 - ERROR)))
     return total / _NODES
 
 

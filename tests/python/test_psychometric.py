@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.psychometric import ThresholdPosterior, proportion_correct, psychometric_function
 from burrlab.psychophysics.staircase import gaussian_correct
 
 LEVELS = (1.03, 1.06, 1.12, 1.25, 1.5)
@@ -155,3 +155,36 @@ def test_refusals(change, message):
     arguments = {"levels": LEVELS, "correct": [21, 24, 30, 37, 40], "trials": [40] * 5, **change}
     with pytest.raises((ValueError, TypeError), match=message):
         psychometric_function(**arguments)
+
+
+@pytest.mark.slow
+def test_the_posterior_is_that_of_questplus():
+    """Levels in the same order and the same posterior after 60 answers, with the parameters' grid of ours."""
+    xarray = pytest.importorskip("xarray", reason="questplus is not installed")
+    questplus = pytest.importorskip("questplus", reason="questplus is not installed")
+    ours, random = ThresholdPosterior(0.02, 1.0), np.random.default_rng(1)
+    thresholds, slopes, lapses = (np.unique(column) for column in ours._grid)
+    axes = {"threshold": thresholds, "slope": slopes, "lapse_rate": lapses}
+
+    class QuestPlus(questplus.QuestPlus):
+        def _gen_likelihoods(self):
+            shape = (len(ours.differences), *map(len, axes.values()))
+            correct = ours._correct.reshape(shape)
+            return xarray.DataArray(
+                [correct, 1 - correct],
+                coords={"response": ["right", "wrong"], "intensity": ours.differences, **axes},
+                dims=["response", "intensity", *axes],
+            )
+
+    theirs = QuestPlus(
+        stim_domain={"intensity": ours.differences}, param_domain=axes,
+        outcome_domain={"response": ["right", "wrong"]}, prior={"lapse_rate": (1 - lapses) ** 9},
+        func="weibull", stim_scale="linear",
+    )  # fmt: skip
+    for _ in range(60):
+        level = ours.most_informative()
+        assert theirs.next_stim["intensity"] == level
+        right = random.random() < proportion_correct(level, 0.2, 1.25, 0.02)
+        ours.update(level, int(right))
+        theirs.update(stim={"intensity": level}, outcome={"response": "right" if right else "wrong"})
+    np.testing.assert_allclose(theirs.posterior.to_numpy().ravel(), ours.weights(), rtol=1e-9, atol=1e-15)

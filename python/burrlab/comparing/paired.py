@@ -21,7 +21,7 @@ from burrlab.fitting.linear import (
 )
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import C_E_RANGE, Floats, Group, Observations
-from burrlab.fitting.profile import ALPHA
+from burrlab.fitting.profile import ALPHA, ENDLESS
 from burrlab.fitting.record import FitRecord
 
 ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
@@ -40,7 +40,8 @@ class LinearDifference:
     def ends(self, level: float) -> tuple[float, float]:
         """See `_LogRatio`."""
         half = -float(special.stdtrit(self.nu, (1 - level) / 2)) * self.error
-        return self.value - half, self.value + half
+        low, high = self.value - half, self.value + half
+        return low if low > -ENDLESS else -np.inf, high if high < ENDLESS else np.inf
 
     def outside(self, bound: float) -> float:
         """See `_LogRatio`."""
@@ -70,8 +71,8 @@ class Paired:
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
-        error = float(np.sqrt(direction @ self.calibration.adjusted @ direction))
-        return LinearDifference(float(direction @ self.change), error, self.calibration.freedom(direction))
+        variance, nu = self.calibration.variance(direction)
+        return LinearDifference(float(direction @ self.change), variance**0.5, nu)
 
     @property
     def joint(self) -> HypothesisTest:
@@ -81,7 +82,8 @@ class Paired:
             freedom: tuple[float, ...] = (1.0, self.calibration.freedom(ALPHA))
             p = self.calibration.probability(rise, ALPHA)
         else:
-            rise = float(self.change @ np.linalg.solve(self.calibration.adjusted, self.change))
+            rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
+            rise /= self.calibration.bias
             freedom = (2.0, self.calibration.freedom_of_sum)
             p = float(special.fdtrc(*freedom, rise / 2))
         F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)

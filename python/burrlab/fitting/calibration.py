@@ -202,6 +202,11 @@ class MixedCalibration:
         return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, _KNOWN))
 
     @property
+    def bias(self) -> float:
+        """By how much `adjusted` is larger, the mean of both parameters; 1 at least."""
+        return max(float(np.trace(np.linalg.solve(self.covariance, self.adjusted))) / 2, 1.0)
+
+    @property
     def freedom_of_sum(self) -> float:
         """nu at which F with 2 and nu has the limit of two squares of t: of the direction that knows least, and across."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance))
@@ -254,10 +259,9 @@ class MixedCalibration:
     @cached_property
     def _joint(self) -> tuple[float, float]:
         """Degrees of freedom of the joint F, and the factor of its limits."""
-        root = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        bias = float(np.trace(root @ self.adjusted @ root.T)) / 2
+        root, bias = np.linalg.inv(np.linalg.cholesky(self.covariance)), self.bias
         if not len(self.changes):  # sigma and the sizes of all effects are given
-            return _KNOWN, max(bias, 1.0)
+            return _KNOWN, bias
         # Kenward and Roger's section 2.3, for two quantities
         change = root @ self.changes @ root.T
         trace, of_pairs = np.einsum("kii->k", change), np.einsum("kij,lji->kl", change, change)
@@ -273,13 +277,13 @@ class MixedCalibration:
         else:
             apart = self.freedom_of_sum
         if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
-            return apart, max(bias, 1.0)
+            return apart, bias
         freedom = 4 + 4 / (2 * ratio - 1)
         smaller = mean * (freedom - 2) / freedom
         larger = smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95)
         if larger and self.variances is not None:
-            return apart, max(bias, 1.0)
-        return freedom, max(bias, 1.0) * smaller
+            return apart, bias
+        return freedom, bias * smaller
 
 
 def _freedom_of_sum(a: float, b: float) -> float:

@@ -40,6 +40,7 @@ EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
 _SCORINGS, _FLAT = 50, 1e-9  # of variances below 0, at most; the fall of the criterion that ends them
+_LEAST = 1e-3  # mean square of pairs over that of rows
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 
 
@@ -327,9 +328,12 @@ class MixedEquations:
 
     @property
     def definite(self) -> bool:
-        """Whether V is positive definite: negative eigenvalues of H are as many as negative variances."""
-        H = self.inverse(np.arange(len(self.c)))[1]
-        return bool(np.sum(np.linalg.eigvalsh(H) < 0) == np.sum(self.variance < 0))
+        """Whether V is positive definite, and far from singular: H of Z has as many negative eigenvalues as variances.
+
+        In balanced rows the nearest to 0 is the pairs' mean square over that of the rows.
+        """
+        eigenvalues = np.linalg.eigvalsh(self.inverse(np.arange(len(self.c) - self.model.n_fixed))[1])
+        return bool((eigenvalues < -_LEAST).sum() == (eigenvalues < 0).sum() == (self.variance < 0).sum())
 
     def criterion(self, restricted: bool = True) -> float:
         """-2 log of the restricted likelihood, or of the likelihood, without constants."""

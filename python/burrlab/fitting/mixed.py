@@ -19,7 +19,7 @@ from scipy import special
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
 from burrlab.fitting.diagnostics import p_text
-from burrlab.fitting.likelihood import Likelihood, MeanFieldModel, Model
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
     OFFSETS,
@@ -437,7 +437,8 @@ class MixedLikelihood(Likelihood):
 
         def height(x: Floats) -> float:
             scatter2, effect2 = equations.scatter2.copy(), equations.effect2.copy()
-            scatter2[free], effect2[estimated] = np.exp(x[: len(free)]), np.square(x[len(free) :])
+            scatter2[free] = np.exp(np.maximum(x[: len(free)], 2 * np.log(MODEL_ERROR)))
+            effect2[estimated] = np.square(x[len(free) :])
             return MixedEquations(model, scatter2, effect2).criterion(restricted=False)
 
         begin = np.append(np.log(equations.scatter2[free]), np.sqrt(equations.effect2[estimated]))

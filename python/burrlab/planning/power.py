@@ -320,7 +320,7 @@ def _power(
     total = 0.0
     for variance in (of_mean + between["difference"] ** 2) * quantiles - of_mean:
         seen = calibration(float(variance))
-        rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.adjusted), estimates)
+        rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.covariance), estimates) / seen.bias
         total += float(np.mean(rise / 2 > special.fdtri(2, seen.freedom_of_sum, 1 - ERROR)))
     return total / _NODES
 

@@ -230,7 +230,9 @@ def fit(
     components = components_of(observations, uncertain, (*estimate, *apart))
     mixed = bool(components or beliefs)
     kind = _likelihood_kind(observations, residuals, mixed)
-    _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
+    _check_voxels(
+        voxels, seed, observations.slow.size, {"surface", "radius"} & {*(uncertain or {}), *estimate}
+    )
     seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
     likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
@@ -408,12 +410,13 @@ def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed:
     return "log-sigma" if mixed and residuals == "sigma" else residuals
 
 
-def _check_voxels(voxels: VoxelEngine | None, seed: int | None, lengths: set[str]) -> None:
+def _check_voxels(voxels: VoxelEngine | None, seed: int | None, n_slow: int, lengths: set[str]) -> None:
     if voxels is not None:
         refuse(
             seed is None and voxels.store is not None,
             "seed must be given with a store, which finds results by it, got None",
         )
+        refuse(n_slow, "runs that were too slow need the mean-field engine")
         refuse(lengths, f"the voxel engine takes offsets of force alone: got {min(lengths, default='')}")
 
 

@@ -194,8 +194,7 @@ class Likelihood:
             refuse(
                 kind != "relative", f"residuals must be 'relative' with runs that were too slow: got {kind!r}"
             )
-            if not isinstance(model, MeanFieldModel):
-                raise ValueError("runs that were too slow need the mean-field engine")
+            assert isinstance(model, MeanFieldModel)  # `fit` refuses others
             slow = observations.slow_rows()
             self._slow = MeanFieldModel(slow, model.shape), np.log(slow.velocity)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means

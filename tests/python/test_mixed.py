@@ -660,8 +660,10 @@ class TestPairs:
         middle = pair.velocity.at_middle
         assert np.log(middle.value) == pytest.approx(np.mean(second - first), abs=0.02)
         assert np.log(middle.interval.ratio()) == pytest.approx(t.high - t.low, rel=0.1)
-        # of t^2 with 5 degrees of freedom, for the level, and one with those of 96 runs
-        assert pair.joint.freedom == (2.0, pytest.approx(8.84, rel=0.02))
+        # the joint limit is that of t^2 with the days' 5 degrees of freedom and another with those of 96 runs
+        drawn = np.random.default_rng(1).standard_t([[5], [96 - 12 - 2]], (2, 400_000))
+        limit = 2 * stats.f.ppf(0.95, *pair.joint.freedom)
+        assert np.mean(np.sum(drawn**2, axis=0) > limit) == pytest.approx(0.05, abs=0.002)
 
     def test_that_leave_c_e_open_are_compared_with_one_c_e(self):
         """As a paired t test of the days' mean log velocities, as small forces tell alpha/c_e^p alone."""

@@ -55,9 +55,7 @@ class Component:
     quantity: str  # "c_e", "alpha", "order" or an offset
     deviation: float | None = None
     sought: bool = False
-    varies: bool = (
-        False  # of a pair: by how much the difference of two sets varies; its variance may be below 0
-    )
+    varies: bool = False  # of a pair: how the difference of two sets varies; its variance may be below 0
 
     @property
     def moves(self) -> bool:

@@ -131,13 +131,22 @@ void TcpClient::close() {
 }
 
 void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
-  if (socket_ < 0 || !send(bytes, size, 0.0)) return close();
-  ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
   const std::int64_t end = steady_after(1.0);
-  pollfd waiting = polled_for(socket_, POLLIN);
+  pollfd waiting = polled_for(socket_, POLLIN | POLLOUT);
   std::uint8_t unread[4096];
-  while (steady_now() < end && poll(&waiting, 1, 100) >= 0)
+  while (socket_ >= 0 && steady_now() < end && poll(&waiting, 1, 100) >= 0) {
+    if (size) {
+      const long sent = TcpServer::send(socket_, bytes, size);
+      if (sent < 0) break;
+      bytes += sent;
+      size -= std::size_t(sent);
+    }
+    if (!size && waiting.events != POLLIN) {
+      ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
+      waiting.events = POLLIN;
+    }
     if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
+  }
   close();
 }
 

@@ -135,17 +135,13 @@ void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
   pollfd waiting = polled_for(socket_, POLLIN | POLLOUT);
   std::uint8_t unread[4096];
   while (socket_ >= 0 && steady_now() < end && poll(&waiting, 1, 100) >= 0) {
-    if (size) {
-      const long sent = TcpServer::send(socket_, bytes, size);
-      if (sent < 0) break;
-      bytes += sent;
-      size -= std::size_t(sent);
-    }
-    if (!size && waiting.events != POLLIN) {
-      ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
-      waiting.events = POLLIN;
-    }
-    if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
+    const long sent = size ? TcpServer::send(socket_, bytes, size) : 0;
+    if (sent < 0 || TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
+    bytes += sent;
+    size -= std::size_t(sent);
+    if (size) continue;
+    ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
+    waiting.events = POLLIN;
   }
   close();
 }

@@ -101,17 +101,23 @@ void bind_companion(py::module_& m) {
            "seed"_a, "down"_a, "spin"_a, "budget"_a, "rate"_a, "realtime"_a)
       .def(companion_of<Replica>(), "replica"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a,
            "budget"_a, "rate"_a, "realtime"_a)
-      .def("start", &EffectsCompanion::start, no_gil)
+      .def(
+          "start", [](EffectsCompanion& companion) { return companion.start(), &companion; },
+          py::return_value_policy::reference, no_gil, "Starts the thread. ValueError the second time.")
       .def("stop", &EffectsCompanion::stop, no_gil)
       .def("wait", &EffectsCompanion::wait, "seconds"_a, no_gil)
       .def_property_readonly("running", &EffectsCompanion::running)
-      .def_property_readonly("error", &EffectsCompanion::error)
-      .def_property_readonly("realtime_notes", &EffectsCompanion::realtime_notes)
-      .def("set_nozzle", &EffectsCompanion::set_nozzle, "nozzle"_a)
-      .def("set_sucker", &EffectsCompanion::set_sucker, "sucker"_a)
-      .def("set_camera", &EffectsCompanion::set_camera, "camera"_a)
-      .def_property_readonly("quantum", &EffectsCompanion::quantum, "[mm^3]")
-      .def_property_readonly("first_tick", &EffectsCompanion::first_tick)
+      .def_property_readonly("error", &EffectsCompanion::error,
+                             "The error that ended the thread; empty if none did.")
+      .def_property_readonly(
+          "realtime_notes", &EffectsCompanion::realtime_notes,
+          "A sentence for each right asked of the system, granted or not; empty before the first frame.")
+      .def("set_nozzle", &EffectsCompanion::set_nozzle, "nozzle"_a, "Sets it, from the next frame on.")
+      .def("set_sucker", &EffectsCompanion::set_sucker, "sucker"_a, "Sets it, from the next frame on.")
+      .def("set_camera", &EffectsCompanion::set_camera, "camera"_a, "Sets it, from the next frame on.")
+      .def_property_readonly("quantum", &EffectsCompanion::quantum, "One level of one voxel [mm^3].")
+      .def_property_readonly("first_tick", &EffectsCompanion::first_tick,
+                             "Tick of the bone at the companion's beginning.")
       .def_property_readonly(
           "frames",
           [](const EffectsCompanion& companion) {
@@ -120,7 +126,8 @@ void bind_companion(py::module_& m) {
               out.emplace_back(f.seconds, f.tick, to_tuple(f.decision));
             return out;
           },
-          "[(seconds, tick, decision)], one per frame")
+          "(seconds, tick, decision) of all frames so far; `effects_of(player, effects, frames=...)` repeats "
+          "them.")
       .def(
           "newest",
           [](const EffectsCompanion& companion) {

@@ -2,7 +2,7 @@
 
 import os
 import weakref
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,13 +18,13 @@ from burrlab._core import (
     Sucker,
 )
 from burrlab.common.check import real, scalar, seed_or_new
-from burrlab.effects.effects import EffectsReport, FrameRecord, SubstanceBalance
+from burrlab.effects.effects import EffectsReport, SubstanceBalance
 from burrlab.session.session import Session
 
 DEFAULT_BUDGET = 0.020  # [s]
 
 
-class Companion:
+class Companion(EffectsCompanion):
     """Runs effects in their own thread, fed by the session's follower or a replica; the loop is untouched.
 
     Parameters
@@ -95,103 +95,56 @@ class Companion:
             "spin": real(spin, "spin"), "budget": budget, "rate": self.rate, "realtime": bool(realtime),
         }  # fmt: skip
         if isinstance(session, Replica):
-            self._core = EffectsCompanion(session, **setup)
+            super().__init__(session, **setup)
         else:
-            self._core = EffectsCompanion(session.loop, session.follower, **setup)
+            super().__init__(session.loop, session.follower, **setup)
             weakref.finalize(session, _nobody_starts, session.loop, session.follower).atexit = False
         self.set_camera(camera)
         self.set_nozzle(nozzle)
         self.set_sucker(sucker)
 
-    def start(self) -> "Companion":
-        """Starts the thread. ValueError the second time."""
-        self._core.start()
-        return self
-
     def stop(self) -> None:
         """Ends the thread after the current frame. Further calls, and calls in a fork, do nothing."""
         if self._process == os.getpid():
-            self._core.stop()
+            super().stop()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Waits at most `seconds` [s] for the thread's end; returns whether it came. Can be interrupted."""
         left = float("inf") if seconds is None else seconds
-        while left > 0 and not self._core.wait(min(left, 0.1)):
+        while left > 0 and not super().wait(min(left, 0.1)):
             left -= 0.1
-        return not self._core.running
+        return not self.running
 
-    def __enter__(self) -> "Companion":
+    def __enter__(self) -> Self:
         return self.start()
 
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def set_nozzle(self, nozzle: Nozzle | None) -> None:
-        """Sets the nozzle, from the next frame on."""
-        self._core.set_nozzle(nozzle)
-
-    def set_sucker(self, sucker: Sucker | None) -> None:
-        """Sets the sucker, from the next frame on."""
-        self._core.set_sucker(sucker)
-
-    def set_camera(self, camera: Camera | None) -> None:
-        """Sets the camera, from the next frame on."""
-        self._core.set_camera(camera)
-
-    @property
-    def running(self) -> bool:
-        return self._core.running
-
-    @property
-    def error(self) -> str:
-        """The error that ended the thread; empty if none did."""
-        return self._core.error
-
-    @property
-    def realtime_notes(self) -> list[str]:
-        """A sentence for each right asked of the system, granted or not; empty before the first frame."""
-        return self._core.realtime_notes
-
-    @property
-    def first_tick(self) -> int:
-        """Tick of the bone at the companion's beginning."""
-        return self._core.first_tick
-
-    @property
-    def frames(self) -> list[FrameRecord]:
-        """(seconds, tick, decision) of all frames so far; `effects_of(player, effects, frames=...)` repeats
-        them."""
-        return self._core.frames
-
-    @property
-    def quantum(self) -> float:
-        """One level of one voxel [mm^3]."""
-        return self._core.quantum
-
     def newest(self) -> dict[str, Any]:
         """Values of the newest frame: frame (made so far), tick, parcels, balance, removed (levels by tissue
         number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
-        raw = self._core.newest()
+        raw = super().newest()
         del raw["report"]
         return raw | {"balance": SubstanceBalance.of(raw["balance"], self.quantum)}
 
     @property
     def parcels(self) -> NDArray[np.void]:
         """A copy of the newest frame's parcels, as `Effects.parcels`."""
-        return cast("NDArray[np.void]", self._core.newest()["parcels"])
+        return cast("NDArray[np.void]", self.newest()["parcels"])
 
     @property
     def hidden(self) -> float:
         """Hidden part of burr 0 in the newest frame; nan without a camera or before the first tick."""
-        return float(self._core.newest()["hidden"])
+        return float(self.newest()["hidden"])
 
     def balance(self) -> dict[str, SubstanceBalance]:
         """Accounts of dust, blood and water after the newest frame."""
-        return SubstanceBalance.of(self._core.newest()["balance"], self.quantum)
+        return cast("dict[str, SubstanceBalance]", self.newest()["balance"])
 
     def report(self) -> EffectsReport:
         """Frames, their whole time (asking the follower, moving, copying out), and what was given up."""
-        return EffectsReport(budget=self.budget, **self._core.newest()["report"])
+        return EffectsReport(budget=self.budget, **super().newest()["report"])
 
     def __repr__(self) -> str:
         return f"Companion({'' if self.running else 'not '}running, {self.report().frames} frames)"

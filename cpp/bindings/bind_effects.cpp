@@ -155,21 +155,27 @@ void bind_effects(py::module_& m) {
              return std::make_unique<Effects>(bone, setup);
            }),
            "bone"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a)
-      .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle)
-      .def_property("sucker", &Effects::sucker, &Effects::set_sucker)
-      .def("step", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
+      .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle,
+                    "A new one counts from the next frame on.")
+      .def_property("sucker", &Effects::sucker, &Effects::set_sucker,
+                    "A new one counts from the next frame on.")
+      .def("make_frame", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
            "One frame; returns the decision (merge_to, sub_steps, done).")
+      .def_property_readonly(
+          "parcels", [](const Effects& effects) { return to_array(effects.view()); },
+          "A copy of the parcels: position (3,) [mm], velocity (3,) [mm/s], radius [mm], dust, blood, water "
+          "[quanta], age [s].")
       .def(
-          "parcels", [](const Effects& effects) { return to_array(effects.view()); }, "A copy.")
-      .def(
-          "balance", [](const Effects& effects) { return to_dict(effects.balance()); },
+          "quanta", [](const Effects& effects) { return to_dict(effects.balance()); },
           "(made, present, sucked, drained) [quanta] by substance.")
-      .def_property_readonly("quantum", &Effects::quantum, "[mm^3]")
+      .def_property_readonly("quantum", &Effects::quantum, "One level of one voxel [mm^3].")
       .def_property_readonly(
           "removed", [](const Effects& effects) { return effects.sources().removed(); },
-          "Levels by tissue number; empty before any.")
+          "Levels removed since the beginning, by tissue number; one value without tissues; empty before any "
+          "removal.")
       .def_property_readonly(
-          "bleeding", [](const Effects& effects) { return effects.sources().bleeding(); }, "[mm^3/s]")
+          "bleeding", [](const Effects& effects) { return effects.sources().bleeding(); },
+          "Present rate of all wounds [mm^3/s].")
       .def_property_readonly(
           "decisions",
           [](const Effects& effects) {
@@ -177,9 +183,9 @@ void bind_effects(py::module_& m) {
             for (const FrameDecision& decision : effects.decisions()) out.push_back(to_tuple(decision));
             return out;
           },
-          "[(merge_to, sub_steps, done)], one per frame")
+          "Decisions of all frames, for `step(decision=...)` of another run.")
       .def(
-          "hidden",
+          "hidden_part",
           [](const Effects& effects, const Camera& camera, const Vec3& center, double radius) {
             require_positive("radius of the burr", radius);
             require_finite("center of the burr", center);
@@ -187,7 +193,7 @@ void bind_effects(py::module_& m) {
             return effects.hidden(camera, {center, radius});
           },
           "camera"_a, "center"_a, "radius"_a)
-      .def("report", [](const Effects& effects) {
+      .def("counts", [](const Effects& effects) {
         return to_dict(effects.counts(), effects.wall_time(), effects.cpu_time());
       });
   bind_companion(m);

@@ -134,7 +134,7 @@ class EffectsReport:
         return "\n".join(lines)
 
 
-class Effects:
+class Effects(_core.Effects):
     """Dust, blood, water and paste in the field of view.
 
     Parcels carry integer quanta of mass; a quantum is one level of one voxel. For each substance, after
@@ -196,30 +196,12 @@ class Effects:
         self.seed = seed_or_new(seed)
         self.budget = budget
         self._bricks = tuple(-(-int(side) // 8) for side in bone.shape)
-        self._core = _core.Effects(
+        super().__init__(
             bone, parameters=self.parameters, seed=self.seed, down=real(down, "down"),
             spin=real(spin, "spin"), budget=budget,
         )  # fmt: skip
         self.nozzle, self.sucker, self.camera = nozzle, sucker, camera
         self._hidden = float("nan")
-
-    @property
-    def nozzle(self) -> Nozzle | None:
-        """The nozzle. A new one counts from the next frame on."""
-        return self._core.nozzle
-
-    @nozzle.setter
-    def nozzle(self, nozzle: Nozzle | None) -> None:
-        self._core.nozzle = nozzle
-
-    @property
-    def sucker(self) -> Sucker | None:
-        """The sucker. A new one counts from the next frame on."""
-        return self._core.sucker
-
-    @sucker.setter
-    def sucker(self, sucker: Sucker | None) -> None:
-        self._core.sucker = sucker
 
     def step(
         self,
@@ -261,7 +243,7 @@ class Effects:
         places = [np.ravel(real(center, "center of a burr")) for center, _ in burrs]
         centers = np.array(places) if places else np.empty((0, 3))
         radii = np.array([scalar(radius, "radius") for _, radius in burrs])
-        done = self._core.step(scalar(dt_s, "dt_s"), bricks, density, centers, radii, decision)
+        done = self.make_frame(scalar(dt_s, "dt_s"), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
         if (
             self.camera is not None
@@ -285,36 +267,9 @@ class Effects:
             bricks = np.ravel_multi_index(tuple(bricks.T.astype(np.intp)), self._bricks)
         return np.ascontiguousarray(bricks, np.uint32)
 
-    @property
-    def parcels(self) -> NDArray[np.void]:
-        """A copy of the parcels: position (3,) [mm], velocity (3,) [mm/s], radius [mm], dust, blood, water
-        [quanta], age [s]."""
-        return self._core.parcels()
-
-    @property
-    def quantum(self) -> float:
-        """One level of one voxel [mm^3]."""
-        return self._core.quantum
-
-    @property
-    def removed(self) -> list[int]:
-        """Levels removed since the beginning, by tissue number; one value without tissues; empty before any
-        removal."""
-        return self._core.removed
-
-    @property
-    def bleeding(self) -> float:
-        """Present rate of all wounds [mm^3/s]."""
-        return self._core.bleeding
-
-    @property
-    def decisions(self) -> list[Decision]:
-        """Decisions of all frames, for `step(decision=...)` of another run."""
-        return self._core.decisions
-
     def balance(self) -> dict[str, SubstanceBalance]:
         """Accounts of dust, blood and water."""
-        return SubstanceBalance.of(self._core.balance(), self.quantum)
+        return SubstanceBalance.of(self.quanta(), self.quantum)
 
     def hidden_fraction(self, camera: Camera, burr: BurrAt) -> float:
         """Part of a burr's projected disc that parcels in front of it hide, 0 to 1.
@@ -337,11 +292,11 @@ class Effects:
             If the camera lies in the burr, or the burr is not finite.
         """
         center, radius = burr
-        return self._core.hidden(camera, real(center, "center of a burr"), scalar(radius, "radius"))
+        return self.hidden_part(camera, real(center, "center of a burr"), scalar(radius, "radius"))
 
     def report(self) -> EffectsReport:
         """Frames, their time, and what was given up."""
-        return EffectsReport(budget=self.budget, **self._core.report())
+        return EffectsReport(budget=self.budget, **self.counts())
 
     def __repr__(self) -> str:
         return f"Effects({self.report().frames} frames, seed={self.seed})"

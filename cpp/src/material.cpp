@@ -6,7 +6,10 @@
 
 namespace burrlab {
 
-Burr::Burr(double radius_) : radius(radius_) { require_positive("radius", radius); }
+Burr::Burr(double radius_) : radius(radius_) {
+  require_positive("radius", radius);
+  if (radius > 1e6) refuse("radius", "at most 1e6 mm", radius);  // powers of it must be finite
+}
 
 Material::Material(std::string name_, double c_e_, double alpha_, Shape shape_, std::string source_,
                    double force_exponent_, double rate_exponent_)

@@ -325,3 +325,7 @@ def test_values_in_several_files(tmp_path, encoding):
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
         np.testing.assert_array_equal(read_volume(tmp_path / name).values, volume.values)
+    for words in (["40000"] + 59 * ["1"], 61 * ["1"]):
+        (tmp_path / "e.nrrd").write_text(f"{head}encoding: text\n\n{' '.join(words)}")
+        with pytest.raises(ValueError, match="or not the numbers of the header"):
+            read_volume(tmp_path / "e.nrrd")

@@ -158,6 +158,12 @@ GAP = r"1\.5 mm between slices {} and {} .*0\.75 mm apart"
         (slice_of(3, spacing=(0.5, 0.3)), r"different pixel spacings: \(0\.25, 0\.5\) in slice000\.dcm, \(0\.3, 0\.5\) in"),
         (slice_of(3, rows=ROWS, columns=COLUMNS), r"different orientations: \(1, 0, 0, 0, 1, 0\) in slice000\.dcm"),
         (tilted, r"sheared, by a gantry tilt of 5\.71 degrees: 0\.5 mm sideways"),
+        (slice_of(3, position=(6, 2, 5.25)), r"sheared, .*: 5 mm sideways from slice000\.dcm to slice003\.dcm"),
+        (slice_of(3, RescaleSlope="0", RescaleIntercept="0"), r"slice003\.dcm: RescaleSlope must be a number"),
+        (slice_of(3, BitsStored=20, HighBit=19), r"slice003\.dcm: grey values by a table .* are not read"),
+        (lambda folder: (folder / "slice000.dcm").write_bytes(
+            (folder / "slice000.dcm").read_bytes() + 6000 * b"\xfe\xff\x00\xe0\0\0\0\0"),
+         "a slice must have at most 5000 items of sequences, got 6000"),
         *[(cut(count), CUT) for count in (1, 2, 25, 40)],
         (slice_of(4, PixelData=VALUES[4].tobytes()[:-8]), r"slice004\.dcm: the pixel data is cut short: 32 bytes of 40"),
         (cut_in_big_endian, r"slice004\.dcm: the pixel data is cut short"),

@@ -77,6 +77,8 @@ BEHIND = "values must begin behind the NIfTI header of 348 bytes, got vox_offset
     [
         *[([("f", 108, offset)], {}, BEHIND) for offset in (0.0, 347.0, -5.0, float("nan"))],
         ([("2f", 112, 3e38, 0.0)], {}, "values that are not finite"),  # without a warning
+        ([("2f", 112, 2.0, float("nan"))], {}, "scl_inter of the NIfTI header must be finite, got nan"),
+        ([("h", 40, 8)], {}, "dim of the NIfTI header must begin with 1 to 7, got 8"),
         ([], {"pixdim": [1, 0.5, 0.5, 0, 1, 1, 1, 1], **NO_CODES},
          "does not say the voxel spacing along z; it must be given: spacing="),
         ([], {"affine": np.diag([0.5, 0.5, 2.0, 1.0]), "pixdim": [1, 0.5, 0.5, 1, 1, 1, 1, 1]},

@@ -110,6 +110,13 @@ def test_bad_fields_are_refused(changes: dict[str, Any], match: str) -> None:
         segments_of({**FIELDS, **changes}, layers=2)
 
 
+def test_one_layer_follows_the_same_rules(tmp_path: Path) -> None:
+    path, values = tmp_path / "one.seg.nrrd", layered()[0][..., 0]
+    with pytest.raises(ValueError, match="'Bone' and 'Facial_Nerve' do not"):
+        read_labels(seg_nrrd(path, values, {**FIELDS, "Segment1_LabelValue": "1"}))
+    assert read_labels(seg_nrrd(path, values, {"Segment0_Name": "Bone"})).names == {1: "Bone"}
+
+
 def test_a_segment_without_a_name_has_its_identifier() -> None:
     [segment] = segments_of({"Segment3_ID": "one", "Segment3_LabelValue": "2"})
     assert (segment.name, segment.label, segment.colour) == ("one", 2, None)

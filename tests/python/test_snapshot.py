@@ -118,9 +118,15 @@ def elsewhere(path):
         file["density"] = h5py.ExternalLink("other.h5", "density")
 
 
+def nested(file):
+    for _ in range(100):
+        file = file.create_group("a")
+
+
 @pytest.mark.parametrize(
     ("damage", "error", "said"),
     [
+        (changed(nested), ValueError, "is damaged: its groups are nested too deeply"),
         (lambda path: path.unlink(), FileNotFoundError, "No such file"),
         (lambda path: path.write_text("no HDF5"), ValueError, "is not a burrlab bone: not an HDF5 file"),
         (lambda path: path.write_bytes(path.read_bytes()[:-1000]), ValueError, "is damaged: it was cut short"),

@@ -319,6 +319,8 @@ def block(sizes: str, more: str = "") -> str:
         ("VOLUME a: {dimensions: {x: 1, y: 1, z: 1}}", "images must be there, a block, got None"),
         ("VOLUME a: {images: {prefix: p}}", "images: path must be there, a text, got None"),
         ("VOLUME a: {images: {path: slices, format: jpg}}", "images: format must be png, got 'jpg'"),
+        ("VOLUME a: {images: {path: slices, prefix: [a]}}", r"images: prefix must be a text, got \['a'\]"),
+        ("VOLUME a: {images: {path: slices}, images: {path: s}}", "not a YAML file: 'images' stands twice"),
         ("VOLUME a: {images: {path: slices, "
          "count: 0}}", "images: count must be a whole number from 1, got 0"),
         ("VOLUME a: {images: {path: slices}}", "dimensions must be there, a block, got None"),

@@ -174,10 +174,12 @@ def test_labels(tmp_path):
     assert read_labels(tmp_path / "float.nii").labels.dtype == np.int32
     nifti(tmp_path / "part.nii", labels.labels + np.float32(0.5) * (labels.labels == 3), affine=np.eye(4))
     nifti(tmp_path / "large.nii", labels.labels.astype(np.float64) * 2.0**30, affine=np.eye(4))
+    nifti(tmp_path / "wide.nii", labels.labels.astype(np.uint32) * 2**30, affine=np.eye(4))
     whole = r"labels must be whole numbers below 2\^31, got {} at \(z, y, x\) = \(0, 0, {}\)"
     refused(
         (lambda: read_labels(tmp_path / "part.nii"), whole.format(r"3\.5", 3)),
         (lambda: read_labels(tmp_path / "large.nii"), whole.format("2147483648", 2)),
+        (lambda: read_labels(tmp_path / "wide.nii"), whole.format("2147483648", 2)),
     )
 
 

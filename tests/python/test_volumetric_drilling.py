@@ -254,6 +254,13 @@ def test_an_export_is_read_back(made, tmp_path, layout):
     assert sorted(map(tuple, places)) == sorted(map(tuple, np.argwhere(gone)))
     levels = [int(name[1:3], 16) for name in back.structures]  # without tissues: grey of the occupancy
     np.testing.assert_array_equal(np.array(levels)[back.structure], trace.bone().density[tuple(places.T)])
+    thin = replace(trace, tools=((burrlab.Burr(1.8), trace.tools[0][1]),) * 2)
+    burrlab.export_volumetric_drilling(thin, tmp_path / "thin.hdf5", layout=layout)
+    assert burrlab.read_volumetric_drilling(tmp_path / "thin.hdf5").burr_radius == [2.0]  # whole diameters
+    with h5py.File(tmp_path / "thin.hdf5", "a") as file:
+        file[f"{_NEW['burr_change'] if layout == 'new' else 'burr_change'}/burr_size"][0] = 0
+    with pytest.raises(ValueError, match="burr_size must be above 0"):
+        burrlab.read_volumetric_drilling(tmp_path / "thin.hdf5")
     assert back.voxel_volume == pytest.approx(0.008)
     ours, found = burrlab.session_metrics(trace), burrlab.session_metrics(back)
     for name in ("duration", "path", "strokes", "peak_force", "over_threshold", "rms_jerk"):

@@ -16,7 +16,7 @@ namespace burrlab {
 struct BURRLAB_API Burr {
   double radius;  ///< [mm]
 
-  explicit Burr(double radius);  ///< throws InvalidArgument unless the radius is positive and finite
+  explicit Burr(double radius);  ///< throws InvalidArgument unless the radius is positive and at most 1e6 mm
   bool operator==(const Burr& other) const { return radius == other.radius; }
 };
 

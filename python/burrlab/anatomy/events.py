@@ -91,12 +91,8 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
         not all(isinstance(row["name"], str) for row in settings["structures"]),
         "its structures must have names",
     )
-    recorded = int(read_dataset(group, "events_recorded"))
-    refuse(
-        recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE,
-        "its events are not what their count says",
-    )
-    events = read_only(read_dataset(group, "events", recorded))
+    refuse(group["events"].dtype != EVENT_DTYPE, "its events have other columns than this format has")
+    events = read_only(read_dataset(group, "events", int(read_dataset(group, "events_recorded"))))
     doses = read_dataset(group, "doses")
     refuse(
         doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])),

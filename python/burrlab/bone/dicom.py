@@ -35,7 +35,7 @@ from burrlab.common.records import in_one_line
 
 #: Relative difference allowed between the distances of slices: headers are rounded.
 EVEN = 1e-2
-#: Sideways shift allowed from the first slice to the last [pixels]; more is a gantry tilt.
+#: Sideways shift allowed from the first slice to any other [pixels]; more is a gantry tilt.
 STRAIGHT = 0.1
 #: How far an orientation rounded to four digits may be from orthonormal: 4 sqrt(3) of half a digit, rounded up.
 _FOUR_DIGITS = 4e-4
@@ -53,6 +53,8 @@ _SMALL = 1 << 26
 # Columns and rows in the headers of JPEG 2000 (marker SIZ) and JPEG-LS (SOF), with one value a pixel.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
 _OPEN = 0xFFFFFFFF  # the length of compressed pixels
+#: Items of sequences in a slice (ours): GDCM goes down into nested ones until its stack is full.
+_MOST_ITEMS = 5000
 _ONE_LISTENS = threading.Lock()
 
 
@@ -156,6 +158,11 @@ def dataset(name: str) -> Any:
         with contextlib.suppress(zlib.error):  # the data follow the file meta information
             stream.decompress(content[144 + int.from_bytes(content[140:144], "little") :], _SMALL)
         refuse(stream.unconsumed_tail, f"{name}: the deflated data must be of at most {_SMALL} bytes")
+    items = content.count(b"\xfe\xff\x00\xe0") + content.count(b"\xff\xfe\xe0\x00")
+    refuse(
+        items > _MOST_ITEMS,
+        f"{name}: a slice must have at most {_MOST_ITEMS} items of sequences, got {items}",
+    )
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         attributes: Any = pydicom.dcmread(io.BytesIO(content), force=True)
@@ -210,6 +217,17 @@ def _header_of(name: str) -> _Slice:
     refuse(
         (whole("NumberOfFrames") or 1) > 1,
         f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
+    )
+    for keyword in ("RescaleSlope", "RescaleIntercept"):
+        (factor,) = numbers(keyword, 1)
+        refuse(
+            text_of(attributes, keyword)
+            and (np.isnan(factor) or (keyword == "RescaleSlope" and factor == 0)),
+            f"{name}: {keyword} must be a number, of a slope not 0, got {text_of(attributes, keyword)}",
+        )
+    refuse(
+        "ModalityLUTSequence" in attributes or short_of(attributes, "BitsStored") > bits,
+        f"{name}: grey values by a table (Modality LUT), or of more bits than are allocated, are not read",
     )
     shades = text_of(attributes, "PhotometricInterpretation")
     refuse(
@@ -292,15 +310,16 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
 
 
 def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
-    way = slices[-1].position - slices[0].position
-    along = float(way @ direction[:, 2])
-    shift = float(np.linalg.norm(way - along * direction[:, 2]))
+    ways = np.array([s.position - slices[0].position for s in slices])
+    along = ways @ direction[:, 2]
+    shifts = np.linalg.norm(ways - along[:, None] * direction[:, 2], axis=1)
+    k = int(np.argmax(shifts))
     pixel = float(np.nanmin(slices[0].spacing)) if np.any(np.isfinite(slices[0].spacing)) else 1.0
-    tilt = math.degrees(math.atan2(shift, abs(along)))
+    tilt = math.degrees(math.atan2(shifts[k], abs(along[k])))
     refuse(
-        shift > STRAIGHT * pixel,
-        f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm sideways from the "
-        "first to the last; sheared volumes are not supported",
+        shifts[k] > STRAIGHT * pixel,
+        f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shifts[k]:.3g} mm sideways from "
+        f"{slices[0].file} to {slices[k].file}; sheared volumes are not supported",
     )
 
 

@@ -139,7 +139,8 @@ def read_labels(
     FileNotFoundError, ImportError
         As `read_volume`.
     ValueError
-        As `read_volume`; or if a value is not a whole number, or segments overlap.
+        As `read_volume`; or if a value is not a whole number, segments overlap or share a label, or a field of a
+        segment cannot be read.
 
     Examples
     --------
@@ -153,11 +154,16 @@ def read_labels(
     >>> folder.cleanup()
     """
     name, header, values = _read(path, spacing, series, most=2**31)
-    names, colours, notes = *_named(header.fields), header.notes
-    if header.layers > 1:
-        with amend_error(f"{name}: "):
-            values, names, colours, more = merged(values, segments_of(header.fields, layers=header.layers))
-        notes += more
+    notes = header.notes
+    with amend_error(f"{name}: "):
+        segments = segments_of(header.fields, layers=header.layers)
+        if header.layers > 1:
+            values, names, colours, more = merged(values, segments)
+            notes += more
+        else:
+            parts = [part for _, part in sorted(_parts(header.fields).items())]
+            names = {s.label: s.name for s, part in zip(segments, parts, strict=True) if part.get("Name")}
+            colours = {s.label: s.colour for s in segments if s.colour}
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, names, colours, notes,
         header.files,
@@ -227,7 +233,7 @@ def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]
         return stored
     single = stored.dtype.itemsize <= 2 or stored.dtype == np.float32
     values = np.empty(shape, np.float32 if single else np.float64)
-    with np.errstate(over="ignore"):  # `Volume` refuses infinite values with their place
+    with np.errstate(over="ignore", invalid="ignore"):  # `Volume` refuses what is not finite with its place
         for k, plane in enumerate(stored):  # plane by plane: no copies of a large volume
             values[k] = plane * np.float64(at.slope) + np.float64(at.inter)
     return values
@@ -261,10 +267,16 @@ def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
             warnings.simplefilter("error")
             if at.encoding == "hex":
                 return np.frombuffer(bytes.fromhex(text.decode("latin-1")), np.uint8)
-            count = size // at.kind.itemsize
-            return np.fromstring(text.replace(b",", b" "), at.kind, count, sep=" ").view(np.uint8)
+            wide = np.dtype(np.int64) if at.kind.kind in "iu" and at.kind.itemsize < 8 else at.kind
+            stored = np.fromstring(text.replace(b",", b" "), wide, sep=" ")
+            count, numbers = size // at.kind.itemsize, stored.astype(at.kind)
+            refuse(len(stored) > count, f"{len(stored)} numbers stand for {count}")
+            refuse(at.kind.kind in "iu" and (numbers != stored).any(), f"one is beyond {at.kind}")
+            return numbers.view(np.uint8)
     except (ValueError, DeprecationWarning) as error:
-        raise ValueError(f"{name}: the values are cut short, or no numbers ({error})") from None
+        raise ValueError(
+            f"{name}: the values are cut short, or not the numbers of the header ({error})"
+        ) from None
 
 
 @doing("writing a volume")
@@ -467,20 +479,6 @@ def _parts(fields: Mapping[str, str]) -> dict[int, dict[str, str]]:
         if match := re.fullmatch(r"Segment(\d+)_(Name|ID|LabelValue|Layer|Color)", key, flags=re.ASCII):
             segments.setdefault(int(match[1]), {})[match[2]] = value
     return segments
-
-
-def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]]:
-    """Names and colours by label, as far as the fields of a file of one layer have them."""
-    names: dict[int, str] = {}
-    colours: dict[int, Colour] = {}
-    for parts in _parts(fields).values():
-        with contextlib.suppress(ValueError):
-            label = _whole("LabelValue", parts.get("LabelValue", ""), 10**18)
-            if name := parts.get("Name"):
-                names[label] = name
-            if colour := _colour("Color", parts.get("Color")):
-                colours[label] = colour
-    return names, colours
 
 
 def segment_fields(

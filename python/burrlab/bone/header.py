@@ -549,15 +549,18 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
     """Header and layout of a NIfTI file; ValueError if the header cannot be read."""
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
-    shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)
+    count = at["dim"][0]
+    refuse(not 1 <= count <= 7, f"{name}: dim of the NIfTI header must begin with 1 to 7, got {count}")
+    shape = three_sizes(list(at["dim"][1 : count + 1]), name)
     kind = _NIFTI_KINDS.get(at["datatype"][0], "")
     refuse(
         not kind,
         f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {at['datatype'][0]}",
     )
     slope, inter = at["scale"]
-    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
+    if not math.isfinite(slope) or slope == 0:
         slope, inter = 1.0, 0.0
+    refuse(not math.isfinite(inter), f"{name}: scl_inter of the NIfTI header must be finite, got {inter}")
     place = pair + ".img" if pair is not None and apart else name
     layout = Storage(
         np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
@@ -595,7 +598,7 @@ def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
         }
         apart, offset = magic[:2] == b"ni", at["offset"][0]
         if version == 1:
-            offset = int(offset) if math.isfinite(offset) and offset >= 0 and not apart else 0
+            offset = int(offset) if math.isfinite(offset) and offset >= 0 else 0
         refuse(
             offset < (0 if apart else size),
             f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {offset}",

@@ -839,7 +839,7 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
         f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of "
         f"{labels.dtype}",
     )
-    if labels.dtype.kind != "f":
+    if labels.dtype.kind != "f" and labels.max() < 2**31:
         return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
     check_finite(labels, path)
     with np.errstate(invalid="ignore"):  # numbers that are too large become -2^31

@@ -53,7 +53,7 @@ from burrlab.bone.image import (
 from burrlab.bone.slices import ROWS_ALONG_X, SliceFiles, is_stack, pixels, read_stack, stack_slices
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
 from burrlab.common.check import amend_error, refuse
-from burrlab.common.files import attributes, check_folder, hash_of, new_folder, write_synced
+from burrlab.common.files import attributes, check_folder, hash_of, locked, new_folder, write_synced
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
@@ -628,13 +628,15 @@ def save_drilled(
         for k in range(0, len(new), SLAB):
             new[k : k + SLAB] = planes(slice(k, k + SLAB))
         like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
-    with new_volume(target, like, kept_fields(target, like), planes=planes) as part:
-        digest = content_digest(part)
-        state = sidecar(target, digest)
-        before = [other for other in sidecars(target) if other.name != state.name]
-        beside(state, digest)
-    for other in before:  # the file is replaced: the new pair counts
-        other.unlink(missing_ok=True)
+    check_folder(target)
+    with locked(target.parent):  # another process may write the same pair
+        with new_volume(target, like, kept_fields(target, like), planes=planes) as part:
+            digest = content_digest(part)
+            state = sidecar(target, digest)
+            before = [other for other in sidecars(target) if other.name != state.name]
+            beside(state, digest)
+        for other in before:  # the file is replaced: the new pair counts
+            other.unlink(missing_ok=True)
 
 
 @doing("reading a half-drilled volume")

@@ -528,9 +528,14 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     name = os.fspath(path)
     block = _volume_block(name, _content(name))
     images = _part(name, block, "images", dict)
+    picture_format, prefix = images.get("format", "png"), images.get("prefix", "")
     refuse(
-        str(images.get("format", "png")).lower().lstrip(".") != "png",
-        f"{name}: images: format must be png, got {shown(images.get('format'))}",
+        not isinstance(picture_format, str) or picture_format.lower().lstrip(".") != "png",
+        f"{name}: images: format must be png, got {shown(picture_format)}",
+    )
+    refuse(
+        not isinstance(prefix, str | int | float),
+        f"{name}: images: prefix must be a text, got {shown(prefix)}",
     )
     folder = Path(name).parent / str(_part(name, images, "path", str, within="images: "))
     count = images.get("count")
@@ -544,9 +549,7 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     if unit is None:
         _check_plausible(name, sides)
         unit = _UNITS["metres"]
-    return StackDescription(
-        folder, str(images.get("prefix", "")), count, sides * _positive(name, "unit", unit)
-    )
+    return StackDescription(folder, str(prefix), count, sides * _positive(name, "unit", unit))
 
 
 def _content(name: str) -> Any:
@@ -563,7 +566,16 @@ def _content(name: str) -> Any:
             if len(node.value) > _LONGEST:
                 raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
 
-        loader.flatten_mapping = bounded
+        compose = loader.compose_mapping_node
+
+        def distinct(anchor: Any) -> Any:
+            node = compose(anchor)
+            keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            if twice := [key for key, count in keys.items() if count > 1]:
+                raise yaml.YAMLError(f"{twice[0]!r} stands twice in a mapping")
+            return node
+
+        loader.flatten_mapping, loader.compose_mapping_node = bounded, distinct
         return loader.get_single_data()
     except (
         yaml.YAMLError,

@@ -230,7 +230,8 @@ def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any
     Raises
     ------
     ValueError
-        If the dataset is incomplete or needs more memory than the machine has.
+        If the dataset is incomplete, has another number of rows, or needs more memory than the machine has. One
+        that is not in chunks may have room for more.
     """
     dataset = group[name]
     where = f"its dataset {name}"
@@ -241,7 +242,12 @@ def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any
     if not dataset.shape:
         check_heap(dataset, dataset.dtype)
         return dataset[()]
-    shape = (len(dataset) if rows is None else rows, *dataset.shape[1:])
+    room = len(dataset)
+    refuse(
+        rows is not None and (rows > room or (rows < room and dataset.chunks)),
+        f"{where} has room for {room} rows, and {rows} are counted",
+    )
+    shape = (room if rows is None else rows, *dataset.shape[1:])
     size, stored = math.prod(shape) * dataset.dtype.itemsize, os.stat(group.file.filename).st_size
     stored = min(stored, dataset.id.get_storage_size())
     check_packed(size, stored if dataset.chunks else stored / DEFLATE, where)

@@ -57,10 +57,6 @@ def do_sweep(options: Options) -> int:
     )  # fmt: skip
     curve.to_csv(options.out)
     notes = told_notes(curve.provenance.get("volume"))
-    if options.plot is not None:
-        axes = curve.plot()
-        axes.set_title(assumed(notes), fontsize=8)
-        save_figure(axes, options.plot)
     ok = int(curve.ok.sum())
     result = {
         "file": str(options.out),
@@ -79,6 +75,10 @@ def do_sweep(options: Options) -> int:
         text += f"; {lost} interrupted"
         text += "" if options.store is None else f", the same command goes on from {options.store}"
     deliver(options, result, text)
+    if options.plot is not None:
+        axes = curve.plot()
+        axes.set_title(assumed(notes), fontsize=8)
+        save_figure(axes, options.plot)
     return 130 if lost else 0
 
 
@@ -133,9 +133,6 @@ def do_fit(options: Options) -> None:
         **_effects(options),
     )
     points = {} if options.test is None else {"given": options.test}
-    plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
-    plot(options.region, lambda: result.plot_region(points=points))
-    plot(options.profile, result.plot_profile)
     plain, text = result.to_dict(), result.report(options.verbose)
     if options.test is not None:
         test = result.test(*options.test)
@@ -145,6 +142,9 @@ def do_fit(options: Options) -> None:
         text += f"\n    - The {len(result.data)} files are pooled: one c_e and alpha, as of one material."
         text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)
+    plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
+    plot(options.region, lambda: result.plot_region(points=points))
+    plot(options.profile, result.plot_profile)
 
 
 def do_compare(options: Options) -> None:
@@ -202,7 +202,6 @@ def _compare_power(options: Options, known: burrlab.Fit) -> None:
         known, options.compare, specimens=options.specimens, runs=options.runs, between=options.between,
         within=options.scatter, forces=options.forces or None, aim=options.power, progress=on_terminal(),
     )  # fmt: skip
-    plot(options.plot, study.plot)
     if options.sheet is not None:
         size = study.smallest()
         if size is None:
@@ -210,7 +209,7 @@ def _compare_power(options: Options, known: burrlab.Fit) -> None:
         burrlab.run_sheet(
             study.forces, specimens=size[0], runs=size[1], radius=known.radius, seed=options.seed
         ).to_csv(options.sheet)
-    deliver(options, study.to_dict(), repr(study))
+    deliver(options, study.to_dict(), repr(study), study.plot)
 
 
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:

@@ -272,15 +272,12 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
 def deliver(
     options: Options, result: dict[str, Any], text: str, draw: Callable[[], Axes] | None = None
 ) -> None:
-    """Draws a result if --plot is given, prints it as text, then writes it as JSON if --json is given."""
-    plot(getattr(options, "plot", None), draw)
-    if options.json == "-":
-        print(json.dumps(result, allow_nan=False))
-        return
-    print(text)
-    if options.json is not None:
+    """Prints a result as text, writes it as JSON if --json is given, and draws it if --plot is given."""
+    print(json.dumps(result, allow_nan=False) if options.json == "-" else text)
+    if options.json not in ("-", None):
         text = json.dumps(result, allow_nan=False, indent=1) + "\n"
         _write(options.json, "result.json", lambda place: write_text(place, text), "the result")
+    plot(getattr(options, "plot", None), draw)
 
 
 def sentence(error: Exception) -> str:

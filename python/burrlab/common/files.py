@@ -55,6 +55,18 @@ def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str 
         return None
 
 
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Waits until no other process holds the lock of a folder, then holds it; without it where there are no locks."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            lock(descriptor, "", wait=True)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def lock(file: int, message: str, *, wait: bool = False) -> None:
     """Takes the lock of an open file or folder, until it is closed or the process ends.
 
@@ -228,12 +240,28 @@ def check_walk(path: str | os.PathLike[str]) -> None:
 
 
 def link_elsewhere(file: "h5py.File") -> str | None:
-    """Name of a link that is not hard: it could lead to another file, and a pipe hangs beyond Ctrl-C. None if all are."""
+    """Name of a link that is not hard: it could lead to another file, and a pipe hangs beyond Ctrl-C. None if all are.
+
+    ValueError if groups are nested deeply: libhdf5's own visit goes down until its stack is full.
+    """
     import h5py
 
-    hard = h5py.h5l.TYPE_HARD
-    name = file.id.links.visit(lambda name, link: None if link.type == hard else name, info=True)
-    return None if name is None else name.decode(errors="replace")
+    groups, seen = [(file["/"], 0)], set()
+    while groups:
+        group, depth = groups.pop()
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                return f"{group.name}/{name}".lstrip("/")
+            if group.get(name, getclass=True) is not h5py.Group:
+                continue
+            inner = group[name]
+            if (address := h5py.h5o.get_info(inner.id).addr) in seen:
+                continue
+            if depth > 20:
+                raise ValueError("its groups are nested too deeply")
+            seen.add(address)
+            groups.append((inner, depth + 1))
+    return None
 
 
 class _Disk(io.FileIO):

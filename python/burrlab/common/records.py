@@ -302,9 +302,15 @@ class InJson:
         """
         text = isinstance(file, str) and file.lstrip().startswith(("{", "["))
         refuse(text, f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}")
+
+        def made(values: Mapping[str, Any]) -> Any:
+            result = cls.from_dict(values)
+            getattr(result, "report", result.__repr__)()  # finds what is missing
+            return result
+
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:
             what = f"the JSON of a {cls.__name__.lower()}"
-            return parsed(getattr(stream, "name", "JSON text"), stream.read(), what, cls.from_dict)
+            return cast("Self", parsed(getattr(stream, "name", "JSON text"), stream.read(), what, made))
 
 
 def is_of_core(kind: Any) -> bool:

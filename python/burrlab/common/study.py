@@ -248,7 +248,10 @@ class Store:
         # Opened for each line: on a network file system, closing sends the text to the server.
         with self.path.open("ab") as stream:
             file = stream.fileno()
-            written = os.write(file, text)
+            try:
+                written = os.write(file, text)
+            except OSError as error:
+                raise OSError(error.errno, error.strerror, os.fspath(self.path)) from None
             refuse(
                 written < len(text),
                 f"store: {self.path} took {written} of {len(text)} bytes: is the disk full?",

@@ -380,6 +380,7 @@ def parse(name: str, content: bytes) -> TextTable:
     lines = enumerate(decoded(name, content).split("\n"), start=1)
     numbered = [(place, line.removesuffix("\r")) for place, line in lines if line.strip()]
     refuse(not numbered, f"{name}: the file is empty")
+    refuse("\r" in numbered[0][1], f"{name}: lines must end in a line feed, got carriage returns alone")
     (place, head), *body = numbered
     refuse(
         "\t" not in head and "," in head, f"{name}, line {place}: the separator must be a tab, not a comma"

@@ -105,8 +105,8 @@ def export_volumetric_drilling(
     lowest, slice. If the slices were read with `transpose`, the volume's pose turns these axes into the
     bone's. Otherwise the two are mirror images, which no pose can express. For any other bone the indices
     are its own (x, y, z). A trace does not hold stereo images, depth, segmentation, camera poses,
-    intrinsics, extrinsics, baseline or torques (written as zeros). `burr_size` is the diameter in whole
-    millimetres, as there.
+    intrinsics, extrinsics, baseline or torques (written as zeros). `burr_size` is the diameter, rounded to
+    whole millimetres, as there.
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
@@ -141,10 +141,9 @@ def export_volumetric_drilling(
             _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
             _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
-            size = np.array([2 * trace.tools[burr][0].radius]).astype(
-                np.int64 if layout == "new" else np.int32
-            )
-            _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
+            size = max(1, round(2 * trace.tools[burr][0].radius))
+            sizes = np.array([size], np.int64 if layout == "new" else np.int32)
+            _put(group("burr_change"), time_stamp=np.array([start]), burr_size=sizes)
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 
 
@@ -615,6 +614,7 @@ class _Part:
         )
         forces = self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6))
         burrs = self._table("burr_change", "time_stamp", ("burr_size", "mm", 0))
+        refuse(burrs and (burrs[1] <= 0).any(), "its burr_size must be above 0")
         poses = [self._table(drill, "time_stamp", (column, "m", 7)) for drill, column in _DRILLS]
         if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
             poses.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))

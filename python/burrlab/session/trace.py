@@ -578,6 +578,10 @@ def _read(file: "h5py.File", path: Path) -> Trace:
     ended = bytes(read_dataset(file, "ended")).rstrip(b"\0").decode(errors="replace")
     complete = bool(read_dataset(file, "complete"))
     ticks = _ticks(file, path, first, len(tools))
+    refuse(
+        complete and any(digests["tick"] > first + len(ticks)),
+        f"{path} is damaged: it has digests of later ticks than its {len(ticks)}",
+    )
     bone, tick = read_bone(file["volume"])
     refuse(
         tick != first or bone.digest() != about["initial_digest"],
@@ -614,10 +618,6 @@ def _check_setup(
 def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.void]:
     table, recorded = file["ticks"], int(read_dataset(file, "recorded"))
     row = row_dtype(burrs)
-    refuse(
-        recorded > len(table),
-        f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}",
-    )
     refuse(
         table.dtype not in (file_dtype(burrs), row, row_dtype(burrs, _BEFORE_3)),
         f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has",

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from burrlab.psychophysics import (
     analyse,
     group_score_from,
 )
+from burrlab.psychophysics.analysis import group_lines
+from burrlab.psychophysics.staircase import StaircaseThreshold
 from burrlab.psychophysics.task_results import SubjectThreshold, ThresholdTask
 
 RULES = ("independent-observations", "differencing")
@@ -358,6 +361,10 @@ def test_thresholds():
     sides = thresholds((1.1, None), (0.9, None))
     assert sides.group_threshold is thresholds((1.1, None), (1.1, None)).group_threshold is None
     assert names(sides.plot_thresholds()) == ["01", "02"]
+    limited = StaircaseThreshold(1.3, 0.26, None, 0.75, 8, 60, 5, True)
+    open_one = replace(made, subjects=(made.subjects[0], replace(made.subjects[1], estimate=limited)))
+    assert open_one.group_threshold is None
+    assert group_lines(open_one)[-1] == "group: no threshold, as those of 02 may lie beyond the levels"
 
 
 def test_psychometric_function():

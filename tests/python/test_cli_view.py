@@ -144,7 +144,7 @@ def test_bad_values_and_files(trace, here, capsys):
     no_trace = "; --volume shows a volume, --bone a bone that was kept"
     for said, *arguments in (
         ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # not a file
-        ("must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'", trace, "--size", "8x8"),
+        ("must be WIDTHxHEIGHT of 16 to 16384 pixels, got '8x8'", trace, "--size", "8x8"),
         ("burrlab view: --pictures: a.xyz must end in one of ", trace, "--pictures", "a.xyz"),
         ("unknown option --pict; did you mean '--pictures'?", trace, "--pict", "a.png"),
         ("--at must be from 0 to 0.", trace, "--pictures", "a.png", "--at", 99),

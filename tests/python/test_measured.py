@@ -82,7 +82,7 @@ def test_equality_is_by_value(kind: Any, same: dict[str, Any], other: list[dict[
 
 
 def test_what_a_curve_keeps() -> None:
-    curve = VelocityCurve([1, 2, 3, 4], [0.1, NAN, 0.3, 0.4], status=["ok", "ok", "excluded", ""])
+    curve = VelocityCurve([1, 2, 3, 4], [0.1, NAN, 0.3, 0.4], status=["ok", "OK", "excluded", ""])
     assert curve.ok.tolist() == [True, False, False, True]
     assert VelocityCurve([1, 2], [0.1, NAN]).ok.tolist() == [True, False]
     curve = VelocityCurve([1], [1], provenance={"voxel": (0.1, 0.2), "n": np.int64(3), "a": np.ones(2)})

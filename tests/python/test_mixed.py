@@ -244,6 +244,11 @@ class TestOffsets:
         off_by_far = burrlab.fit(laboratory(1, 3), known={"c_e": (2.9, 0.05)})
         assert off_by_far.status == "poor-fit"
         assert "c_e was given as 2.9, to 1.7 %: the data alone contradict it, F(1, 2" in off_by_far.verdict
+        clear = burrlab.synthetic_curve(
+            BURR, BONE, np.geomspace(0.3, 2.2, 8), repeats=4, scatter=0.03, seed=1
+        )
+        for known in {"c_e": (4.0, 0.1)}, {"alpha": (0.5, 0.01)}:  # where small forces tell no c_e
+            assert burrlab.fit(clear, known=known).status == "poor-fit"
         voxels = burrlab.VoxelEngine(voxel=0.4, replicates=2)
         voxel = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, engine=voxels, seed=1)
         assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in voxel.verdict

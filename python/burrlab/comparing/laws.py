@@ -533,7 +533,9 @@ def compare_laws(
             fits[name] = fits.get(name) or fit(data, burr, law=law, **options)
             evidence = fits[name].evidence
             goodness = None if evidence is None else evidence.goodness
-            contradicted[name] = goodness.sentence if goodness and goodness.poor else ""
+            if goodness is not None and goodness.poor and goodness.test is not None:
+                tests[name] = (*tests[name], goodness.test)
+                contradicted[name] = goodness.test.sentence
         report_progress(1 + len(points) + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     rows = []

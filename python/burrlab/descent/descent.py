@@ -93,7 +93,7 @@ def descend(
         Tick, scheme and end of the run.
     progress : callable or True, optional
         Called from time to time with the fraction of the way to the stop; True shows a bar. None writes a
-        note to the logger ``burrlab`` where the run has more than 10 s to go.
+        note to the logger ``burrlab`` where the run has more than 2 s to go.
     cancel : threading.Event, optional
         Ends the run with status ``interrupted``, as Ctrl-C does.
 

@@ -140,7 +140,7 @@ def force_sweep(
         Keeps every descent as it ends and does not repeat those it holds; needs a seed.
     progress : callable or True, optional
         Called with the fraction done; True shows a bar. None writes a note to the logger ``burrlab`` where the
-        sweep has more than 10 s to go.
+        sweep has more than 2 s to go.
 
     Returns
     -------

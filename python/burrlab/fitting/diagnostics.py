@@ -351,11 +351,11 @@ def goodness(
 def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     """Whether the rows alone agree with each value that was given as known."""
     tests = []
-    for (name, value, deviation), (t, nu) in zip(
-        likelihood.beliefs, likelihood.belief_errors(), strict=False
+    for (name, value, deviation), (rise, nu) in zip(
+        likelihood.beliefs, likelihood.belief_rises(), strict=False
     ):
-        p, outcome = judged(t**2, 1, min(nu, 999.0))
-        tests.append(HypothesisTest(f"known {name}", t**2, (1, nu), p, (
+        p, outcome = judged(rise, 1, min(nu, 999.0))
+        tests.append(HypothesisTest(f"known {name}", rise, (1, nu), p, (
             f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone "
             f"{'contradict' if p < 0.05 else 'do not contradict'} it, {outcome}."
         )))  # fmt: skip

@@ -163,7 +163,7 @@ def fit(
     ValueError
         If the usable rows have fewer than three distinct forces; the data have another radius than the burr,
         contradict one another, or lack the sigma that ``"sigma"`` needs; groups cannot be told apart, or go with
-        other residuals than ``"relative"``; or an argument is out of range.
+        other residuals than ``"relative"`` and ``"sigma"``; or an argument is out of range.
     StudyInterrupted
         If the executor dies.
 

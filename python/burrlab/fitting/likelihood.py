@@ -264,8 +264,8 @@ class Likelihood:
         """The same likelihood, with rows that have a window at a point."""
         return self
 
-    def belief_errors(self) -> list[tuple[float, float]]:
-        """How far the rows alone are from each belief, in standard errors, and the degrees of freedom of these."""
+    def belief_rises(self) -> list[tuple[float, float]]:
+        """How far -2 log L of the rows alone rises to meet each belief, and the degrees of freedom of its scatter."""
         return []
 
     def calibration(self, c_e: float, alpha: float) -> Any:

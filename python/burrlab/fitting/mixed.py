@@ -392,9 +392,9 @@ class MixedLikelihood(Likelihood):
             self.equations.effect2[kept],
         )  # fmt: skip
 
-    def belief_errors(self) -> list[tuple[float, float]]:
+    def belief_rises(self) -> list[tuple[float, float]]:
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
-        errors = []
+        rises = []
         for name, value, deviation in self.beliefs:
             rows = moved_by(self.plain, self.components, -self.shifts)
             others = tuple(other for other in self.beliefs if other[0] != name)
@@ -402,12 +402,23 @@ class MixedLikelihood(Likelihood):
             alone = Likelihood(rows.observations, self.kind, model, others)
             hard = float(rows.observations.c_e_bounds().max())
             ends = (hard * (1 + EDGE), hard * C_E_RANGE)
-            fitted, point = at_best_variances(alone, self.components, self.point, ends)
-            at, uncertainty = ("c_e", "alpha").index(name), fitted.equations.uncertainty()
-            variance = float(uncertainty.adjusted[at, at]) + deviation**2
-            freedom = uncertainty.freedom(np.eye(2)[at], added=deviation**2)
-            errors.append((float(np.log(point[at] / value)) / variance**0.5, freedom))
-        return errors
+            near = value * np.exp(deviation * np.linspace(-6, 6, 121))
+            places = np.geomspace(*ends, 400)
+            first = alone.at(places)
+            lowest = int(np.nanargmin(first.profile))
+            begin = float(places[lowest]), float(first.best_alpha[lowest])
+            fitted, point = at_best_variances(alone, self.components, begin, ends)
+            places = np.unique(np.clip([*places, *(near if name == "c_e" else ()), point[0]], *ends))
+            slices, doubt = fitted.at(places), np.square(np.linspace(-6, 6, 121))
+            if name == "c_e":
+                believed = slices.profile + np.square(np.log(places / value) / deviation)
+            else:
+                believed = slices.minus2_table(near) + doubt[:, None]
+            freedom = fitted.equations.uncertainty().freedom(
+                np.eye(2)[("c_e", "alpha").index(name)], added=deviation**2
+            )
+            rises.append((float(np.nanmin(believed) - np.nanmin(slices.profile)), freedom))
+        return rises
 
     def calibration(self, c_e: float, alpha: float) -> MixedCalibration:
         """See `Likelihood`."""

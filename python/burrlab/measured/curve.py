@@ -29,6 +29,9 @@ def _row_rule(row: Mapping[str, Any]) -> Problem:
     return None
 
 
+_STATUSES = ("ok", "overloaded", "too-slow")  # those with a meaning, also in capitals
+
+
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class VelocityCurve(TableData):
     """Penetration velocity against constant force, one row a run.
@@ -129,9 +132,11 @@ class VelocityCurve(TableData):
         limit: ArrayLike | None = None,
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
+        names = [str(text) for text in status or ()]
+        names = [text.lower() if text.lower() in _STATUSES else text for text in names]
         self._keep({
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
-            "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
+            "window_end": window_end, "status": None if status is None else tuple(names),
             "limit": limit,
         }, source, provenance, groups, specimen, radius=radius)  # fmt: skip
         refuse(

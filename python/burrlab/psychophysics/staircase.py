@@ -471,6 +471,8 @@ class AdaptiveStaircase(Staircased):
         Ratios nearest to 1 and farthest from it, on one side of 1. They bound the levels and the threshold.
     trials : int
         Without practice; a multiple of `blocks`.
+    catch : int
+        As for `Staircase`, at the farthest level.
     mode, hold, interval, practice, blocks
         As for `ComparisonDesign`. Practice is at the farthest level.
 

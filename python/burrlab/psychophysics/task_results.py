@@ -677,6 +677,16 @@ class SubjectThreshold(OneSubject):
         """Whether all planned trials were answered."""
         return self.planned is None or self.trials >= self.planned
 
+    @property
+    def open(self) -> bool:
+        """Whether the threshold may lie beyond the levels."""
+        x = self.estimate
+        if isinstance(x, PsychometricFit):
+            return not min(x.ratios) <= x.threshold <= max(x.ratios)
+        if isinstance(x, StaircaseThreshold):
+            return x.at_limit > 0
+        return x is not None and (x.open_below or x.open_above)
+
     def rendered(self) -> list[tuple[float, int, int]]:
         """`levels` without what is `clipped`, then the catch trials."""
         out = {level: (right, trials) for level, right, trials in self.clipped}
@@ -710,12 +720,13 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         """(threshold, lower end, upper end) of the group, with the subject as the unit, or None.
 
         |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
-        thresholds, thresholds on both sides of 1, or all equal.
+        thresholds, thresholds on both sides of 1, or all equal; or one may lie beyond the levels.
         """
         logs = [
             math.log(subject.threshold) for subject in self.subjects if subject.threshold not in (None, 1.0)
         ]
-        if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
+        beyond = any(subject.open for subject in self.subjects)
+        if beyond or len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
             return None
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
         mean, error = float(values.mean()), float(scipy.stats.sem(values))

@@ -768,6 +768,9 @@ SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=
         (lambda: burrlab.fit(curve(), known=2.0), TypeError, "known must be a dict"),
         (lambda: burrlab.fit(curve(), estimate=("surface",), engine="voxel"), ValueError, "takes offsets of force alone: got surface"),
         (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' or 'sigma' with groups"),
+        (lambda: burrlab.fit(VelocityCurve([1.0, 2.0, 3.0, 4.0], [0.1, 0.5, 0.9, np.nan], radius=3.0, specimen=[1, 2, 3, 3],
+                                   status=["ok", "ok", "ok", "overloaded"])), ValueError,
+         "overloaded runs bound one c_e, and three specimens or more differ in it: leave out"),
         (lambda: burrlab.fit([curve(specimen=[1, 1, 2]), SLOW]), ValueError, "too slow go without groups, offsets and known values: leave out"),
     ],
 )  # fmt: skip
@@ -808,6 +811,9 @@ class TestFiles:
         assert VelocityCurve.from_dataframe(
             frame, force="F", velocity="v", groups={"operator": "who"}
         ).groups == {"operator": ("AB", "CD")}
+        frame["who"] = [1.0, 2.0]  # as pandas keeps whole numbers of a column that once had a gap
+        numbered = VelocityCurve.from_dataframe(frame, force="F", velocity="v", groups={"operator": "who"})
+        assert numbered.groups == {"operator": ("1", "2")}
 
         laboratory(1, 4).to_csv(tmp_path / "lab.csv")
         command = ["fit", tmp_path / "lab.csv", "--json", tmp_path / "fit.json"]

@@ -1,6 +1,7 @@
 """The power of a comparison, its run sheet, and what a filled-in sheet gives."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,12 @@ def test_power_grows_with_what_helps(tmp_path):
     assert study.smallest() == (6, 6)
     assert study.smallest("apart") is None
     assert study.within == PILOT.evidence.scatters[0].value
+    data = PILOT.data[0]
+    known = burrlab.fit(replace(data, sigma=0.05 * data.velocity), residuals="sigma")
+    options = {"specimens": [6], "runs": [8], "between": {"alpha": 0.1}}
+    assert burrlab.compare_power(known, **options).within == pytest.approx(0.05)
+    with pytest.raises(ValueError, match="within must be given: a fit of absolute residuals"):
+        burrlab.compare_power(burrlab.fit(data, residuals="absolute"), **options)
     assert "is seen in 80 % with 6 specimens and 6 runs of each drill in each" in repr(study)
     assert "by none of these" in study.verdict
     study.to_json(tmp_path / "study.json")

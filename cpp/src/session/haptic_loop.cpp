@@ -48,6 +48,7 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   for (const auto& device : devices_)
     if (!device) throw InvalidArgument("device must be a Device, got None");
   require_positive("stall_limit", settings.stall_limit);
+  if (settings.stall_limit > 1e9) refuse("stall_limit", "at most 1e9 ms", settings.stall_limit);
   if (settings.wall_clock && executor_->setup().period > 0.5 * settings.stall_limit)
     refuse("period", "at most half the limit of a stall on the wall clock", executor_->setup().period);
   record_.burrs = std::uint32_t(devices_.size());
@@ -163,6 +164,7 @@ EnergyGiven HapticLoop::energy(std::size_t burr) const {
 }
 
 DeviceModel HapticLoop::model(std::size_t burr) const {
+  if (burr >= devices_.size()) refuse("burr", "below " + std::to_string(devices_.size()), double(burr));
   DeviceModel model = devices_[burr]->model();
   if (settings_.models.empty()) return model;
   const DeviceModel& known = settings_.models[burr];

@@ -445,7 +445,7 @@ def _records(lines: list[str], start: int, sep: str) -> Iterator[tuple[int, list
 
 
 def _cell(field: object) -> str:
-    text = str(field)
+    text = str(int(field) if isinstance(field, float) and field.is_integer() else field)
     return "" if text in ("nan", "None", "<NA>", "NaT") else text
 
 

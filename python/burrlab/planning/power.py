@@ -169,7 +169,8 @@ def compare_power(
         Standard deviations between specimens: of ln ``"c_e"`` and ln ``"alpha"``, and of the ``"difference"`` of ln
         alpha between the drills. Those of the fit by default; 0 for the difference, which a fit cannot tell.
     within : float, optional
-        Standard deviation of ln v between runs: 0.08 is 8 %. That of the fit by default.
+        Standard deviation of ln v between runs: 0.08 is 8 %. That of the fit by default, which one of absolute
+        residuals has not.
     forces : array_like, optional
         F of the runs [N], three or more; those of the fit by default.
     aim : float
@@ -221,7 +222,7 @@ def compare_power(
     for name, numbers, least in (("specimens", sizes[0], 2), ("runs", sizes[1], 3)):
         refuse(not numbers or min(numbers) < least, f"{name} must be {least} or more each: got {numbers}")
     unit, deviations, up_to = _between(fit, between)
-    scatter = fit._evidence().scatters[0].value if within is None else scalar(within, "within")
+    scatter = _scatter(fit) if within is None else scalar(within, "within")
     refuse(not 0 < scatter < np.inf, f"within must be positive and finite: got {scatter!r}")
     force = np.unique(fit.observations.force if forces is None else real(forces, "forces"))
     lost = ~np.isfinite(np.atleast_1d(fit.velocity(force)))
@@ -239,6 +240,16 @@ def compare_power(
         float(ratio), sizes[0], sizes[1], power, float(aim), unit, deviations, float(scatter), force,
         provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name, **fit.law.exponents), up_to,
     )  # fmt: skip
+
+
+def _scatter(fit: Fit) -> float:
+    """Standard deviation of ln v between runs about a fit."""
+    kind, scatter = fit.residual_kind, fit._evidence().scatters[0].value
+    refuse(kind == "absolute", "within must be given: a fit of absolute residuals has no scatter of ln v")
+    if kind == "sigma":
+        o = fit.observations
+        return float(np.sqrt(np.nanmean(np.square(o.sigma / o.velocity))))
+    return scatter * np.sqrt(2.0) if kind == "student" else scatter  # t with 4 degrees of freedom
 
 
 def _between(

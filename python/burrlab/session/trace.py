@@ -544,7 +544,7 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
             rows = rows[:-200]
             checksum = zlib.adler32(end[16:], zlib.adler32(rows))
             refuse(end[5:16] != b"%10d " % checksum, "its ticks were changed")
-            digest, ended = end[16:].decode(errors="replace").rstrip().split(" ", 1)
+            digest, _, ended = end[16:].decode(errors="replace").rstrip().partition(" ")
         else:  # the program was killed
             rows = rows[: len(rows) // row.itemsize * row.itemsize]
         ticks = read_only(to_rows(np.frombuffer(rows, row), len(tools)))

@@ -768,9 +768,6 @@ SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=
         (lambda: burrlab.fit(curve(), known=2.0), TypeError, "known must be a dict"),
         (lambda: burrlab.fit(curve(), estimate=("surface",), engine="voxel"), ValueError, "takes offsets of force alone: got surface"),
         (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' or 'sigma' with groups"),
-        (lambda: burrlab.fit(VelocityCurve([1.0, 2.0, 3.0, 4.0], [0.1, 0.5, 0.9, np.nan], radius=3.0, specimen=[1, 2, 3, 3],
-                                   status=["ok", "ok", "ok", "overloaded"])), ValueError,
-         "overloaded runs bound one c_e, and three specimens or more differ in it: leave out"),
         (lambda: burrlab.fit([curve(specimen=[1, 1, 2]), SLOW]), ValueError, "too slow go without groups, offsets and known values: leave out"),
     ],
 )  # fmt: skip

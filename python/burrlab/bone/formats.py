@@ -466,7 +466,7 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
     for segment in segments:
         other = places.setdefault((segment.layer, segment.label), segment)
         refuse(
-            other is not segment,
+            other is not segment and (layers > 1 or other.name != segment.name),
             f"segments must differ in label or layer, {other.name!r} and {segment.name!r} do not",
         )
     return segments

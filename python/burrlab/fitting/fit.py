@@ -404,12 +404,6 @@ def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed:
         "runs that were too slow go without groups, offsets and known values: leave out these, by groups=(), or the runs",
     )
     refuse(
-        np.isfinite(observations.ceiling)
-        and any(len(x.levels) > 2 and x.name == "specimen" for x in observations.groups),
-        "overloaded runs bound one c_e, and three specimens or more differ in it: leave out these runs, or the specimens by "
-        "groups=()",
-    )
-    refuse(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )

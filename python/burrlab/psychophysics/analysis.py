@@ -202,13 +202,15 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
                 f"{subject.subject}: {right} of {caught} catch trials right, so lapses (random answers) in "
                 f"{100 * max(low, 0.0):.0f} to {100 * min(high, 1.0):.0f} %"
             )
-    if len(task.subjects) > 1 and (beyond := [subject.subject for subject in task.subjects if subject.open]):
-        lines.append(f"group: no threshold, as those of {', '.join(beyond)} may lie beyond the levels")
     if (group := task.group_threshold) is not None:
         lines.append(
             f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean "
             f"of |ln ratio|, by t, the subject as the unit)"
         )
+        if any(subject.open for subject in task.subjects):
+            lines.append(
+                "Some of these thresholds may lie beyond the levels: then that of the group and its interval are wrong."
+            )
     return lines
 
 

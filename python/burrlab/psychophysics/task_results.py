@@ -720,13 +720,12 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         """(threshold, lower end, upper end) of the group, with the subject as the unit, or None.
 
         |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
-        thresholds, thresholds on both sides of 1, or all equal; or one may lie beyond the levels.
+        thresholds, thresholds on both sides of 1, or all equal. Thresholds that are `open` count as they are.
         """
         logs = [
             math.log(subject.threshold) for subject in self.subjects if subject.threshold not in (None, 1.0)
         ]
-        beyond = any(subject.open for subject in self.subjects)
-        if beyond or len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
+        if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
             return None
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
         mean, error = float(values.mean()), float(scipy.stats.sem(values))

@@ -1,5 +1,6 @@
 """Tests of the fit's assumptions: they hold their level under the model and reject other data."""
 
+import itertools
 import re
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from burrlab import (
 )
 from burrlab.fitting.diagnostics import POOR, fall_with_depth, goodness, indentation_tests, lack_of_fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.mixed import against_indentation
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
 
@@ -107,6 +109,24 @@ class TestIndentation:
         found = fit([curve_of(repeats=1), replace(pressed, force=pressed.force * wave)])
         assert "Eq. 3 misses its means" in found.verdict
         assert found.status == "poor-fit"
+
+    @pytest.mark.parametrize("residuals", ["relative", "sigma"])
+    @pytest.mark.parametrize("n", [12, pytest.param(400, marks=pytest.mark.slow)])
+    def test_velocities_and_indentation_against_each_other(self, residuals, n):
+        p = {1.0: [], 1.4: []}
+        for seed, stiffer in itertools.product(range(n), p):
+            curve = with_sigma(curve_of(np.geomspace(0.4, 3.2, 12), repeats=2, scatter=0.05, seed=seed), 0.05)
+            pressed = synthetic_indentation(BURR, BONE, self.DEPTHS[::2], scatter=0.05, seed=seed + n)
+            pressed = with_sigma(replace(pressed, force=stiffer * pressed.force), 0.05)
+            found = fit([curve, pressed], residuals=residuals)
+            test = against_indentation(found.likelihood, (found.c_e, found.alpha))[0]
+            p[stiffer].append(test.p_value)
+            if stiffer > 1:
+                assert found.status == "poor-fit", found.verdict
+                assert "the indentation" in found.verdict
+        rates = [f"{100 * np.mean(np.less(p[1.0], level)):.2g} %" for level in (0.05, 0.005)]
+        print(f"{residuals}: clean sets below 5 % and 0.5 %: {', '.join(rates)} of {n}")
+        assert holds_its_level(p[1.0])
 
 
 class TestFall:

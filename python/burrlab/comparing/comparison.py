@@ -471,6 +471,9 @@ class _Side:
         self.x = np.log(self.walk.c_e)
         self.best = int(np.argmin(self.walk.minus2))
         self.base = float(self.walk.minus2[self.best])
+        #: c_e [N/mm^2] at and above which every force of the rows has a window, or less where the data allow it
+        near = float(self.walk.c_e[self.walk.minus2 <= self.base + reach[-1]].min())
+        self.lowest = max(self.domain.low, min(near, float(fit.observations.c_e_bounds().max())))
         self.joint = self.calibration.threshold(None)
         self.variance = covariance_of(evidence.information) * (self.joint.inflation * self.wider)
         self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
@@ -618,11 +621,11 @@ def _velocities(
 ) -> VelocityRatio | None:
     """The velocities that both fits predict over the forces that both sets share, in the default window."""
     rows, middles, law = [], [], a.fit.law
-    of_a, of_b = a.likelihood.observations, b.likelihood.observations
+    of_a, of_b = a.fit.observations, b.fit.observations
     for R in np.intersect1d(of_a.radius, of_b.radius).tolist():
         used = [o.force[o.radius == R] for o in (of_a, of_b)]
         largest = (
-            WINDOW_STOP**law.force_exponent * R**2 * min(a.domain.low, b.domain.low)
+            WINDOW_STOP**law.force_exponent * R**2 * min(a.lowest, b.lowest)
         )  # with a window at every c_e
         low, high = max(forces.min() for forces in used), min([largest, *(forces.max() for forces in used)])
         if low > high:

@@ -123,7 +123,8 @@ class JointModel(RowProducts):
                 x for name, (x, _) in has.items() if name not in shared
             ]
             shifts = [
-                has[x.quantity][1] if x.quantity in has else np.zeros(len(x.group.levels)) for x in effects
+                has[x.quantity][1] if x.quantity in has else _moved_specimens(likelihoods[side], x)
+                for x in effects
             ]
             models.append(
                 LinearModel(plain[side], effects, points[side], np.concatenate([np.empty(0), *shifts]))
@@ -188,6 +189,15 @@ def _offsets(likelihood: Likelihood) -> dict[str, tuple[Component, Floats]]:
         for x, block in zip(likelihood.components, likelihood.linear.blocks, strict=True)
         if x.quantity in (*OFFSETS, "order")
     }
+
+
+def _moved_specimens(likelihood: Likelihood, effect: Component) -> Floats:
+    """What the rows of a likelihood are moved by, for each level of an effect: 0, but for c_e of its specimens."""
+    moved: dict[str, float] = {}
+    if effect.random_c_e and isinstance(likelihood, MixedLikelihood):
+        for x, block in zip(likelihood.components, likelihood.linear.blocks, strict=True):
+            moved |= dict(zip(x.group.levels, likelihood.shifts[block], strict=True)) if x.random_c_e else {}
+    return np.array([moved.get(level, 0.0) for level in effect.group.levels])
 
 
 def _renamed(group: Group, levels: tuple[str, ...]) -> Group:

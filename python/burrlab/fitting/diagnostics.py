@@ -259,7 +259,7 @@ def given_values(
 
 # ---- what speaks against a fit ----
 
-_NO_MATTER = 3 * MODEL_ERROR  # RMS relative deviation that the model's own error may explain
+NO_MATTER = 3 * MODEL_ERROR  #: RMS relative deviation that the model's own error may explain
 FEWEST = 8  #: rows; among fewer none is named
 _WIDER = 1.5  # the plausible range reaches so far beyond the shipped materials (ours)
 _FAR = 30.0  # beyond the plausible range by this factor a fit is implausible (ours)
@@ -303,7 +303,7 @@ class Goodness:
     ----------
     test : HypothesisTest or None
         Chi-square with sigma, lack of fit with repeats, else curvature; None where there are too few rows.
-        Where an indentation contradicts Eq. 3 more clearly, its test.
+        Where an indentation contradicts Eq. 3, or the velocities, more clearly, that test.
     poor : bool
         The data contradict the model: p < 0.005 over the number of tests, and the deviations exceed the
         model's own error.
@@ -331,17 +331,18 @@ class Goodness:
 
 
 def goodness(
-    likelihood: Likelihood, point: Point, lack: HypothesisTest | None, known: list[HypothesisTest]
+    likelihood: Likelihood, point: Point, lack: HypothesisTest | None, others: list[HypothesisTest]
 ) -> Goodness:
-    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats; `known` of beliefs.
+    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats.
 
-    The test of the velocities and those of an indentation share the 0.005 evenly.
+    The test of the velocities, those of an indentation, and `others`, of beliefs and of the two kinds against each
+    other, share the 0.005 evenly.
     """
     test = curvature(likelihood, point) if lack is None else lack
     o, presses = likelihood.observations, indentation_tests(likelihood)
-    limit = POOR / max(len(presses) + len(known) + (test is not None), 1)
-    against = [test, *known] if test is not None and _off(likelihood, point) > _NO_MATTER else [*known]
-    if presses and np.std(np.log(o.pressed / o.pressed_unit)) > _NO_MATTER:
+    limit = POOR / max(len(presses) + len(others) + (test is not None), 1)
+    against = [test, *others] if test is not None and rms_off(likelihood, point) > NO_MATTER else [*others]
+    if presses and np.std(np.log(o.pressed / o.pressed_unit)) > NO_MATTER:
         against += presses
     against = sorted((bad for bad in against if bad.p_value < limit), key=lambda bad: bad.p_value)
     ratios = [bad.statistic / bad.freedom[0] for bad in against if len(bad.freedom) == 1]
@@ -362,8 +363,8 @@ def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     return tests
 
 
-def _off(likelihood: Likelihood, point: Point) -> float:
-    """RMS of the logarithm of velocity over prediction."""
+def rms_off(likelihood: Likelihood, point: Point) -> float:
+    """RMS of the logarithm of velocity over prediction at a point."""
     predicted = point[1] * likelihood.model.unit(point[0]) * np.exp(likelihood.own_alpha)
     return float(np.sqrt(np.mean(np.log(likelihood.observations.velocity / predicted) ** 2)))
 
@@ -726,7 +727,7 @@ def plausibility(
         )
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
-    inside, off = p_of(), _off(likelihood, point)
+    inside, off = p_of(), rms_off(likelihood, point)
     x, y = np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
     x, freedom = x - x.mean(), max(len(x) - 2, 1)
     slope = float(x @ y / (x @ x))

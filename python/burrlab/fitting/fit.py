@@ -32,6 +32,7 @@ from burrlab.fitting.linear import Uncertain, check_names, check_offsets, compon
 from burrlab.fitting.mixed import (
     MixedEvidence,
     MixedLikelihood,
+    against_indentation,
     at_best_variances,
     effect_sentences,
     silent_groups,
@@ -257,7 +258,7 @@ def fit(
         end = searches[0].end
         likelihood, end = at_best_variances(likelihood, components, end, (box.lower[0], box.upper[0]))
         box = _box(likelihood, bounds)  # offsets move the bounds that windows set
-        domain = Domain.of(likelihood, box, bounds)
+        domain, box = Domain.of(likelihood, box, bounds), likelihood.with_windows(box)
         searches, missed = _searched(likelihood, domain, box, ("at the effects' variances", end))
     best = min(searches, key=lambda start: start.objective) if missed > FLAT else searches[0]
     likelihood = likelihood.about(best.end)
@@ -586,7 +587,7 @@ def _weighed(
         calibration = replace(calibration, monte_carlo=monte_carlo)
         profiled = profile(likelihood, calibration, domain, best, exponent)
     known = belief_tests(likelihood)
-    fits, unscaled = goodness(likelihood, best, lack, known), None
+    fits, unscaled = goodness(likelihood, best, lack, known + against_indentation(likelihood, best)), None
     if fits.inflation > 1:
         unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
         profiled = profile(likelihood, calibration, domain, best, exponent)

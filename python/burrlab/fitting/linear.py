@@ -60,7 +60,12 @@ class Component:
     @property
     def moves(self) -> bool:
         """Whether rows are moved by it, as its effect is not linear; of alpha and days it is."""
-        return self.quantity in OFFSETS or (self.sought and self.quantity == "c_e")
+        return self.quantity in OFFSETS or self.quantity == "c_e"
+
+    @property
+    def random_c_e(self) -> bool:
+        """Whether each level draws a c_e: a specimen."""
+        return self.quantity == "c_e" and not self.sought
 
     def of_rows(self, o: Observations) -> "Component":
         """The same of other rows."""
@@ -153,11 +158,17 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
         )
 
 
-def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
-    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level."""
+def moved_by(
+    likelihood: Likelihood, components: Sequence[Component], shifts: Floats, back: bool = False
+) -> Likelihood:
+    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level.
+
+    `back` takes rows that were moved so back. c_e scales forces to which an offset was added.
+    """
     o = likelihood.observations
-    for component, block in zip(components, blocks_of(components), strict=True):
-        u = np.append(shifts[block], 0.0)  # a level of -1 has none
+    pairs = zip(components, blocks_of(components), strict=True)
+    for component, block in sorted(pairs, key=lambda pair: (pair[0].quantity == "c_e") != back):
+        u = np.append(-shifts[block] if back else shifts[block], 0.0)  # a level of -1 has none
         if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
     return likelihood if o is likelihood.observations else likelihood.of_rows(o)

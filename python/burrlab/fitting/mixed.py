@@ -18,11 +18,12 @@ from scipy import special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
-from burrlab.fitting.diagnostics import p_text
+from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, p_text, rms_off
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
     OFFSETS,
+    OWN,
     STEP,
     Component,
     LinearModel,
@@ -33,12 +34,13 @@ from burrlab.fitting.linear import (
     moved_by,
     reml,
 )
-from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows, bounds_of
+from burrlab.fitting.observations import C_E_RANGE, Box, Floats, Group, Observations, Rows, bounds_of
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
+_WHOLE = 8  # of them, in whole steps
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _MILLION = np.log(1e6)
@@ -46,6 +48,10 @@ _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
+_FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
+_BELOW = (
+    0.2  # c_e where a walk begins, over the bound of the specimens' windows, which is none of the population
+)
 
 
 def at_best_variances(
@@ -75,20 +81,24 @@ def at_best_variances(
     if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
         # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
         point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
-    for _ in range(_ROUNDS):
+    for k in range(_ROUNDS):
         equations = reml(LinearModel(moved, components, point, shifts))
-        last, step = point, np.clip(-equations.solution[-2:], -0.5, 0.5)
+        part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
+        last, step = point, part * np.clip(-equations.solution[-2:], -0.5, 0.5)
         point = float(np.clip(point[0] * np.exp(step[0]), *c_e)), float(point[1] * np.exp(step[1]))
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                u, (unit, *ends) = -equations.solution[block], reach[component.quantity]
+                (unit, *ends), u = reach[component.quantity], shifts[block]
+                u = u + part * (-equations.solution[block] - u)
                 near = np.clip(unit * np.round(u / unit), *ends)
                 beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, near, shifts[block])
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
             hard = float(moved.observations.c_e_bounds().max())
-            c_e = max(c_e[0], hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
+            # the bound of a specimen's windows is not that of all
+            low = 0.0 if any(x.random_c_e for x in components) else c_e[0]
+            c_e = max(low, hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
             point = float(np.clip(point[0], *c_e)), point[1]
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
@@ -110,7 +120,7 @@ def _first_shifts(
     """0, and ln c_e of data sets that have one each, over the first's: from their velocities as on a ridge."""
     shifts = [np.zeros(len(component.group.levels)) for component in components]
     for component, u in zip(components, shifts, strict=True):
-        if component.moves and component.quantity not in OFFSETS:
+        if component.sought and component.quantity == "c_e":
             faster = np.log(likelihood.observations.velocity) - likelihood.model.log_unit(point[0])
             softer = -faster / likelihood.model.law.ridge_exponent
             for level in range(len(u)):
@@ -206,12 +216,25 @@ class MixedLikelihood(Likelihood):
             if component.sought and component.quantity == "alpha":
                 self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
         variance = self.equations.variance[:-2]
+        #: which effects are c_e of specimens, and by how much ln c_e of one falls at the fit where that of all rises
+        self._of_specimen, self._follow = np.zeros(len(shifts), np.bool_), 0.0
+        for component, block in zip(self.components, model.blocks, strict=True):
+            if component.random_c_e and shifts[block].any():
+                kept = np.delete(np.arange(len(self.equations.c)), -2)
+                falls = (self.equations.inverse(kept)[0] @ self.equations.C[kept, -2])[block]
+                self._of_specimen[block], self._follow = True, float(np.clip(falls.max(), 0.0, _FOLLOW))
         self._whole = _Part(plain, model.slopes, shifts, variance, np.eye(len(shifts)), 0.0, shifts)
         self._parts = self._nodes(plain, model) or [self._whole]
-        if len(self._parts) > 1:  # c_e has the widest bounds of all parts
+        if len(self._parts) > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
+            eased = float(eased) * (_BELOW if self._of_specimen.any() else 1.0)
             self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
+
+    def with_windows(self, box: Box) -> Box:
+        """The part of a box where each row has a window at its own effects."""
+        hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if self.n_parts == 1 else 0.0
+        return Box((max(box.lower[0], hard), box.lower[1]), (max(box.upper[0], hard), box.upper[1]))
 
     def _nodes(self, plain: Likelihood, model: LinearModel) -> "list[_Part]":
         """Parts of the distribution of given offsets, each of which is narrow enough for a linear model.
@@ -298,28 +321,45 @@ class MixedLikelihood(Likelihood):
         -------
         ndarray, shape (m, a, k), and ndarray, shape (m, k, k)
         """
-        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole)
+        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole, 0.0)
         mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
         return np.nan_to_num(mean), inner[:, columns][..., columns]
 
-    def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[Floats, Floats, Floats, Floats]:
-        """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution."""
-        rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part)
-        drawn = (inner @ jZ[..., None])[..., 0]
-        rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
-        rj -= np.sum(drawn * rZ, axis=-1)
-        B = jj - np.sum(drawn * jZ, axis=-1)
-        m = -rj / B
-        return rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
+    def _parabola(self, stiffness: Floats, part: "_Part") -> list[Floats]:
+        """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution.
+
+        Where c_e of all is another, specimens keep their own in part. Rows are linear about c_e that goes with that of
+        all, or about one that follows it as at the fit, whichever fits better.
+        """
+        tables = []
+        for follow in sorted({0.0, self._follow}):
+            rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part, follow)
+            drawn = (inner @ jZ[..., None])[..., 0]
+            rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
+            rj -= np.sum(drawn * rZ, axis=-1)
+            B = jj - np.sum(drawn * jZ, axis=-1)
+            m = -rj / B
+            tables.append([rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)])
+        better = tables[-1][0] < tables[0][0]
+        return [np.where(better, other, first) for first, other in zip(tables[0], tables[-1], strict=True)]
 
     def _products(
-        self, stiffness: Floats, part: "_Part"
+        self, stiffness: Floats, part: "_Part", follow: float
     ) -> tuple[Floats, Floats, float, Floats, Floats, Floats, Floats]:
         """Products of residuals r at alpha = 1, their derivative j by log alpha and the effects' columns Z: rr, rj,
         jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
-        equations, model = self.equations, self.linear
-        residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
-        varying = {name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items()}
+        equations, model, within = self.equations, self.linear, stiffness
+        if (
+            self._of_specimen.any()
+        ):  # c_e at which rows are taken, over their specimens' effects: they have a window
+            hard = float(part.likelihood.observations.c_e_bounds().max()) * (1 + EDGE)
+            within = np.maximum(self.point[0] * (stiffness / self.point[0]) ** (1 - follow), hard)
+        tables = part.likelihood.residuals(within, 1.0)
+        residuals = [
+            self._belief_residuals(stiffness, 1.0) if name == "known" else r for name, _, r, _ in tables
+        ]
+        varying = {name: slopes.at(within, residuals) for name, slopes in part.slopes.items()}
+        shifts = part.shifts + self._of_specimen * np.log(within / stiffness)[:, None]
         n_points, n_effects = len(stiffness), len(part.shifts)
         rr, rj, jj = np.zeros(n_points), np.zeros(n_points), 0.0
         rZ, jZ = np.zeros((2, n_points, n_effects))
@@ -331,8 +371,10 @@ class MixedLikelihood(Likelihood):
                 for x, block, places in zip(self.components, model.blocks, model.places, strict=True):
                     if x.quantity in varying:
                         Z[..., block] = varying[x.quantity][k][..., None] * places[k]
-                r = r - Z @ part.shifts
+                r = r - (Z @ shifts[..., None])[..., 0]
                 Z = Z @ part.turn
+            elif part.shifts.any():
+                r = r - shifts @ Z.T
             products += Z.swapaxes(-2, -1) @ Z / s2
             rr += np.sum(r**2, axis=-1) / s2
             rj += r @ j / s2
@@ -352,7 +394,9 @@ class MixedLikelihood(Likelihood):
         ends += [
             np.array([o.ceiling * (1 - 1e-6)]) for o in rows if self.n_parts > 1 and np.isfinite(o.ceiling)
         ]
-        return np.unique(np.concatenate([*(o.ridge_entries() for o in rows), *ends]))
+        kinks = np.concatenate([*(o.ridge_entries() for o in rows), *ends])
+        followed = self.point[0] * (kinks / self.point[0]) ** (1 / (1 - self._follow))
+        return np.unique([*kinks, *followed] if self._follow else kinks)
 
     @property
     def n_parts(self) -> int:
@@ -377,7 +421,7 @@ class MixedLikelihood(Likelihood):
         part = self._parts[int(np.argmin(slices.A[0] + slices.B[0] * (np.log(point[1]) - slices.m[0]) ** 2))]
         apart = np.abs(self._parts[-1].by - self._parts[self.n_parts // 2].by) / max(self.n_parts // 2, 1)
         near = (np.abs(part.by - self.shifts) <= apart * (1 + 1e-9)).all()
-        if near and point[0] > float(self.plain.observations.c_e_bounds().max()):
+        if self.n_parts == 1 or (near and point[0] > float(self.plain.observations.c_e_bounds().max())):
             return self
         return MixedLikelihood(
             part.likelihood, self.components, point, part.by, self.equations.scatter2, self.equations.effect2
@@ -396,7 +440,7 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         rises = []
         for name, value, deviation in self.beliefs:
-            rows = moved_by(self.plain, self.components, -self.shifts)
+            rows = moved_by(self.plain, self.components, self.shifts, back=True)
             others = tuple(other for other in self.beliefs if other[0] != name)
             model = MeanFieldModel(rows.observations, self.model.shape)
             alone = Likelihood(rows.observations, self.kind, model, others)
@@ -460,6 +504,47 @@ class MixedLikelihood(Likelihood):
         else:
             lowest = height(begin)
         return self.log_jacobian() - 0.5 * (lowest + float(model.n.sum() * np.log(2 * np.pi)))
+
+
+def against_indentation(likelihood: Likelihood, point: tuple[float, float]) -> list[HypothesisTest]:
+    """Whether the velocities and an indentation tell the same c_e, for a fit at a point.
+
+    The indentation is given a c_e of its own; -2 log L, at the variances of that fit, rises to where both have one.
+    Empty without an indentation, where sets have a c_e each, for residuals in mm/s, and where all rows lie as close to
+    the fit as the model's own error explains.
+    """
+    components: tuple[Component, ...] = ()
+    plain = likelihood
+    if isinstance(likelihood, MixedLikelihood):
+        components = likelihood.components
+        plain = moved_by(likelihood.plain, components, likelihood.shifts, back=True)
+    o, kind = replace(plain.observations, eased=1.0, raised=None, slow=np.empty((5, 0))), plain.kind
+    if not len(o.pressed) or kind == "absolute" or any(x.sought and x.quantity == "c_e" for x in components):
+        return []
+    by_row = o.pressed / o.pressed_unit  # c_e of each
+    if max(rms_off(likelihood, point), np.sqrt(np.mean(np.log(by_row / point[0]) ** 2))) < NO_MATTER:
+        return []
+    pressed = Group("indentation", ("1",), np.full(len(o.force), -1), np.zeros(len(o.pressed), np.intp))
+    own = Component(pressed, "c_e", OWN, sought=True)
+    rows = Likelihood(o, "log-sigma" if kind == "sigma" else kind, MeanFieldModel(o, plain.model.shape))
+    hard, by_indentation = float(o.c_e_bounds().max()), float(np.exp(np.mean(np.log(by_row))))
+    ends = hard * (1 + EDGE), hard * C_E_RANGE
+    apart, (c_e, _) = at_best_variances(rows, (*components, own), (max(point[0], ends[0]), point[1]), ends)
+    equations, shifts = apart.equations, apart.shifts[:-1]
+    as_one = MixedLikelihood(
+        moved_by(rows, components, shifts), components, apart.point, shifts, equations.scatter2, equations.effect2[:-1]
+    )  # fmt: skip
+    places = np.unique(np.clip([*np.geomspace(*ends, 100), *np.geomspace(c_e, by_indentation, 60)], *ends))
+    own_profile = apart.at(places).profile
+    rise = float(np.nanmin(as_one.at(places).profile) - np.nanmin(own_profile))
+    equations.model.n_fixed = 3  # c_e of the indentation over that of the velocities, too
+    nu = equations.uncertainty().freedom(np.array([1.0, 0.0, 0.0]))
+    p, outcome = judged(rise, 1, min(nu, 999.0))
+    text = (
+        f"The velocities alone tell c_e {places[np.nanargmin(own_profile)]:.3g}, the indentation {by_indentation:.3g} "
+        f"N/mm^2: they {'contradict each other' if p < 0.05 else 'agree'}, {outcome}."
+    )
+    return [HypothesisTest("indentation, c_e", rise, (1, nu), p, text)]
 
 
 @dataclass(frozen=True)

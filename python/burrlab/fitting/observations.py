@@ -137,10 +137,13 @@ class Observations:
             for kind in ("velocity", "pressed")
         ]
         sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *of_set)
+        labels, bounding = _groups(data, rows, groups), np.concatenate(overloaded, axis=1)
+        if any(group.name == "specimen" and len(group.levels) > 2 for group in labels):
+            # each has a c_e of its own, and an overloaded run bounds no other
+            n_censored, bounding = n_censored - bounding.shape[1], bounding[:, :0]
         return cls(
-            **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1),
-            slow=np.concatenate(slow, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
-            groups=_groups(data, rows, groups), **(law.exponents if law else {}),
+            **tables, rows=tuple(rows), overloaded=bounding, slow=np.concatenate(slow, axis=1), n_skipped=n_skipped,
+            n_censored=n_censored, sets=sets, groups=labels, **(law.exponents if law else {}),
         )._checked()  # fmt: skip
 
     def _checked(self) -> "Observations":

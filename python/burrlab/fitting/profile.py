@@ -219,6 +219,7 @@ class Domain:
         """The part inside a box, with closer points, for the search of the optimum."""
         return replace(
             self,
+            low=max(self.low, box.lower[0]),
             high=min(self.high, box.upper[0]),
             alpha=(box.lower[1], box.upper[1]),
             points=_CLOSER * self.points,

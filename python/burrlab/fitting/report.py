@@ -11,6 +11,7 @@ import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
 from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.mixed import against_indentation
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.measured.curve import VelocityCurve
@@ -217,7 +218,8 @@ def notes(fit: FitRecord) -> list[str]:
 def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     """What the evidence says: verdict, ridge, tests, rows, order, and what would move the fit."""
     good = evidence.goodness
-    tests = (fit.lack_of_fit or (good and good.test), fit.fall, *indentation_tests(fit.likelihood))
+    presses = indentation_tests(fit.likelihood) + against_indentation(fit.likelihood, (fit.c_e, fit.alpha))
+    tests = (fit.lack_of_fit or (good and good.test), fit.fall, *presses)
     lines = [fit.verdict, ridge(evidence.ridge, fit)]
     lines += [test.sentence for test in tests if test is not None and test.sentence not in fit.verdict]
     lines += [row.sentence for row in evidence.rows]

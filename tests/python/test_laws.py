@@ -55,16 +55,28 @@ class TestLikelihood:
     def test_known_scatter(self):
         (curve,) = laboratory(Law())
         o = Observations.of([with_sigma(curve, 0.05)], None)
-        found = exponents(LawLikelihood(o, known=True), Law())["s"]
+        found = exponents(LawLikelihood(o, known=True), Law())[0]["s"]
         assert found.limits["95"] == pytest.approx(3.841, abs=1e-3)
         assert 8 / 3 in found.intervals["95"]
+
+    @pytest.mark.parametrize("sigma", [False, True])
+    def test_no_interval_where_no_law_fits(self, sigma):
+        """A friction of 0.15 N bends ln v over ln F as no law does; s has no interval then."""
+        F = np.repeat(np.geomspace(0.3, 2.2, 8), 3)
+        noise = np.exp(0.03 * np.random.default_rng(1).standard_normal(24))
+        for friction in (0.0, 0.15):
+            v = Law().velocity(F - friction, BONE.c_e, BONE.alpha, 3.0) * noise
+            curve = burrlab.VelocityCurve(F, v, radius=3.0, sigma=0.03 * v)
+            found = compare_laws(curve, laws=["paper"], residuals="sigma" if sigma else "relative")
+            assert (found.lack.p_value < 0.005) == (friction > 0) == found.sentences[0].startswith("No law")
+            assert found.exponents["s"].intervals["95"].closed == (friction == 0)
 
     def test_runs_of_traces_count_by_their_mean(self):
         traces = [burrlab.synthetic_trace(BURR, BONE, F, seed=k) for k, F in enumerate([0.4, 0.7, 1.0, 1.3])]
         o = Observations.of([*laboratory(Law()), *traces], None)
         likelihood = LawLikelihood(o)
         assert likelihood.n == 24
-        assert exponents(likelihood, Law())["s"].value == pytest.approx(8 / 3, abs=0.1)
+        assert exponents(likelihood, Law())[0]["s"].value == pytest.approx(8 / 3, abs=0.1)
 
     def test_rows_are_whitened_by_days_whatever_their_order(self):
         """Runs of curves stand before the means of traces, as in the fit whose effects whiten them."""
@@ -277,7 +289,7 @@ def test_how_often_it_is_true(name, n, scatter, pressed):
     for seed in range(sets):
         data = laboratory(law, seed, n=n, scatter=scatter, pressed=pressed)
         likelihood = LawLikelihood(Observations.of(data, None))
-        for exponent, found in exponents(likelihood, law).items():
+        for exponent, found in exponents(likelihood, law)[0].items():
             held[exponent] += true[exponent] in found.intervals["95"]
         aic = {other: likelihood.best(each).aic for other, each in LAWS.items()}
         tests = _tests(likelihood, law, likelihood.best(law).height)

@@ -451,6 +451,7 @@ class _Ends:
     low: Floats
     high: Floats
     nu: float
+    scatter2: float  # variance of a row
 
     @property
     def variance(self) -> float:
@@ -476,6 +477,7 @@ class _Side:
         self.lowest = max(self.domain.low, min(near, float(fit.observations.c_e_bounds().max())))
         self.joint = self.calibration.threshold(None)
         self.variance = covariance_of(evidence.information) * (self.joint.inflation * self.wider)
+        self.scatter2 = max(evidence.scatters[0].value, 1e-12) ** 2
         self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:
@@ -503,7 +505,7 @@ class _Side:
         slope = float((g[1] - g[0]) / (self.x[-1] - self.x[-2]))  # on the ridge, where c_e has no end
         lower[(far & (slope < -1e-3)) | (lower < -ENDLESS)] = -_OPEN
         upper[(far & (slope > 1e-3)) | (upper > ENDLESS)] = _OPEN
-        return _Ends(lower, upper, threshold.nu)
+        return _Ends(lower, upper, threshold.nu, self.scatter2)
 
     @cached_property
     def ends_of_c_e(self) -> _Ends:
@@ -518,7 +520,7 @@ class _Side:
         )
         if not self.domain.high_hard:
             high[thresholds >= right[-1]] = _OPEN
-        return _Ends(low, high, threshold.nu)
+        return _Ends(low, high, threshold.nu, self.scatter2)
 
     def distance(self, c_e: Floats) -> Any:
         """Function of log alpha: the joint statistic, squared, at each c_e; and the best log alpha."""
@@ -530,14 +532,25 @@ class _Side:
         return at, np.log(slices.best_alpha)
 
 
+def _freedom(*sides: tuple[Any, float, float]) -> float:
+    """Degrees of freedom of a difference, by Welch and Satterthwaite; of covariance, variance of a row and nu of each.
+
+    Few rows that happen to scatter little would weigh little in it: it is at most that of one scatter for both (ours).
+    """
+    nus, freedoms = [], np.array([nu for _, _, nu in sides])
+    for scatters in (np.ones(2), np.array([scatter2 for _, scatter2, _ in sides])):
+        parts = [np.asarray(V) / scatter2 for (V, _, _), scatter2 in zip(sides, scatters, strict=True)]
+        share = np.array([np.trace(np.linalg.solve(sum(parts), part)) / len(part) for part in parts])
+        nus.append(1 / max(float(np.sum(share**2 / freedoms)), 1e-12))
+    return min(nus)
+
+
 class _LogRatio:
     """The difference of a quantity between two independent sets, second less first."""
 
     def __init__(self, a: _Ends, b: _Ends) -> None:
         self.value = float(b.low[0] - a.low[0])
-        part = np.array([a.variance, b.variance])
-        part /= part.sum()
-        self.nu = 1 / max(float(np.sum(part**2 / [a.nu, b.nu])), 1e-12)
+        self.nu = _freedom(*(([[side.variance]], side.scatter2, side.nu) for side in (a, b)))
         across, along = _T[:, None] * np.cos(_ANGLE), _T[:, None] * np.sin(_ANGLE)
         self.high = np.max(np.interp(along, _T, b.high) - np.interp(across, _T, a.low), axis=1)
         self.low = np.min(np.interp(along, _T, b.low) - np.interp(across, _T, a.high), axis=1)
@@ -606,9 +619,7 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
         i = int(np.argmin(total))
         statistic = float(total[i])
         c_e = np.geomspace(c_e[max(i - 1, 0)], c_e[min(i + 1, len(c_e) - 1)], 25)
-    both = a.variance + b.variance
-    share = np.array([np.trace(np.linalg.solve(both, side.variance)) / 2 for side in (a, b)])
-    nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
+    nu = _freedom(*((side.variance, side.scatter2, side.joint.nu) for side in (a, b)))
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
     return concluded(
         "one material", statistic / len(freedom), freedom, "The two {so} (one c_e and alpha): {outcome}.",

@@ -22,7 +22,7 @@ from burrlab.common.figures import (
 )
 from burrlab.common.records import Codec
 from burrlab.common.table import Tabulated
-from burrlab.fitting.diagnostics import HypothesisTest, p_text
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, p_text
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import Interval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
@@ -151,6 +151,9 @@ class LawComparison(Tabulated):
         Laws that the data do not contradict, by AIC; then the others.
     exponents : mapping
         ``"s"``; with an indentation of three depths ``"q"``, ``"m"`` and ``"k"``.
+    lack : HypothesisTest or None
+        Whether all laws of these exponents lie off the velocities, by repeats or given sigma. The exponents but q have
+        no interval where p < 0.005.
     law : Law
         The best with constants: m holds for its f, k for its m.
     level : float
@@ -164,6 +167,7 @@ class LawComparison(Tabulated):
 
     rows: tuple[LawRow, ...]
     exponents: Mapping[str, Exponent]
+    lack: HypothesisTest | None
     law: Law
     level: float
     residual_kind: str
@@ -204,6 +208,7 @@ class LawComparison(Tabulated):
             f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({span(exponent.intervals['95'])})."
             for name, exponent in self.exponents.items()
         ]
+        lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
         if several:
             lines.append(
                 "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "
@@ -225,7 +230,10 @@ class LawComparison(Tabulated):
                 else f"{name} alone is left."
             )
         else:
-            lines.append("The data contradict every law here.")
+            lines.append(
+                "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
+                "tare, a friction or the surface is off."
+            )
         for parting in self.partings:
             radius = f" and R = {parting.radius:g} mm" if several else ""
             lines.append(

@@ -15,7 +15,7 @@ from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
-from burrlab.fitting.diagnostics import HypothesisTest, concluded
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.mixed import MixedLikelihood
@@ -296,6 +296,30 @@ class LawLikelihood:
         depths = len(np.unique(o.pressed_depth / o.pressed_radius))
         return len(o.pressed) > 3 and depths > 2 and self.pressed_exponent()[1] < _VAGUE
 
+    def lack_of(self, scans: Sequence[Scan]) -> HypothesisTest | None:
+        """Whether the best of all laws lies off the data, by given sigma or repeats; else None, and with groups or traces.
+
+        Only three parameters are taken from the degrees of freedom, though k and q may take up more.
+        """
+        o, S = self.observations, min(float(np.nanmin(scan.squares)) for scan in scans)
+        if self._runs or self._basis.size:
+            return None
+        text = (
+            "No law with F ~ h^q, a rate ~ F^m and f = (1 - x^2)^k fits the velocities, {outcome}: exponents have no interval. "
+            "Is there a tare or a friction, a surface not quite known, a rig that saturates?"
+        )
+        if self.known:
+            return concluded("any law", S, (max(self.n - 3, 1),), text)
+        columns = np.stack([o.force, o.radius, *o.window], axis=1)
+        at = np.unique(columns, axis=0, return_inverse=True)[1].ravel()
+        count, y = np.bincount(at), np.log(o.velocity)
+        pure = float(np.sum((y - (np.bincount(at, y) / count)[at]) ** 2))
+        above, below = len(count) - 3, len(y) - len(count)
+        if above < 1 or below < 1 or pure == 0:
+            return None
+        F = max(S - pure, 0.0) / above / (pure / below)
+        return concluded("any law", F, (above, below), text)
+
     @property
     def pressed_freedom(self) -> int:
         """Degrees of freedom of q."""
@@ -349,8 +373,11 @@ def _profiled(
     return _exponent(name, grid, rise, limits)
 
 
-def exponents(likelihood: LawLikelihood, law: Law) -> dict[str, Exponent]:
-    """s of the velocities, for k of 0 to 3 and q of 1 to 3; and with an indentation q, and m and k for a law."""
+def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent], HypothesisTest | None]:
+    """s of the velocities, for k of 0 to 3 and q of 1 to 3; and with an indentation q, and m and k for a law.
+
+    They have no intervals where no law fits; the second value is the test of that, see `LawLikelihood.lack_of`.
+    """
     shape = law.shape
     limits = {name: likelihood.limit(level) for name, level in LEVELS.items()}
     of_pressed = {name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()}
@@ -386,7 +413,13 @@ def exponents(likelihood: LawLikelihood, law: Law) -> dict[str, Exponent]:
         )
         of_k = likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values()))
         found["k"] = _exponent("k", *of_k, widest)
-    return {name: found[name] for name in ("s", "q", "m", "k") if name in found}
+    lack, untold = likelihood.lack_of(scans), dict.fromkeys(LEVELS, Interval(None, None))
+    if lack is not None and lack.p_value < POOR:
+        found = {
+            name: exponent if name == "q" else replace(exponent, intervals=untold)
+            for name, exponent in found.items()
+        }
+    return {name: found[name] for name in ("s", "q", "m", "k") if name in found}, lack
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
@@ -550,7 +583,7 @@ def compare_laws(
     rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
     law = next((row.law for row in rows if row.law), Law())
     return LawComparison(
-        tuple(rows), exponents(likelihood, law), law, level, residuals, first.observations,
+        tuple(rows), *exponents(likelihood, law), law, level, residuals, first.observations,
         _partings(rows, likelihood, points[least]),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip

@@ -418,10 +418,11 @@ class MixedEquations:
         )  # fmt: skip
 
 
-def reml(model: RowProducts) -> MixedEquations:
+def reml(model: RowProducts, near: MixedEquations | None = None) -> MixedEquations:
     """The equations at the variances of the highest restricted likelihood.
 
-    The search begins twice: at all scatter within groups, and at the split between and within that the rows show.
+    The search begins at the variances `near` it, or twice: at all scatter within groups, and at the split between and
+    within that the rows show.
     """
     if not all(np.isfinite(G).all() for G in model.products):
         raise np.linalg.LinAlgError("a row has no window near this point")
@@ -450,13 +451,15 @@ def reml(model: RowProducts) -> MixedEquations:
     if not len(free) + n_effects:
         return equations(np.empty(0))
     bounds = [(2 * np.log(MODEL_ERROR), np.log(whole[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
-    begins = [(whole, 0.5 * unit), (within, max(whole.max() - within.max(), 0.1 * unit))]
+    between = np.full(n_effects, max(whole.max() - within.max(), 0.1 * unit))
+    begins = [(whole, np.full(n_effects, 0.5 * unit)), (within, between)]
+    begins = [(near.scatter2, near.effect2[model.estimated])] if near else begins if n_effects else begins[1:]
     ends = [
         scipy.optimize.minimize(
-            height, np.append(np.log(scatter2[free]), np.full(n_effects, between / unit)), jac=True, bounds=bounds,
+            height, np.append(np.log(scatter2[free]), between / unit), jac=True, bounds=bounds,
             method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7},
         )
-        for scatter2, between in (begins if n_effects else begins[1:])
+        for scatter2, between in begins
     ]  # fmt: skip
     best = equations(min(ends, key=lambda end: float(end.fun)).x)
     below = [x.varies and not best.effect2[k] for k, x in enumerate(model.components)]

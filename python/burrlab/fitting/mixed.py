@@ -81,8 +81,10 @@ def at_best_variances(
     if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
         # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
         point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
+    near: MixedEquations | None = None
     for k in range(_ROUNDS):
-        equations = reml(LinearModel(moved, components, point, shifts))
+        equations = reml(LinearModel(moved, components, point, shifts), near)
+        near = equations if k else None
         part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
         last, step = point, part * np.clip(-equations.solution[-2:], -0.5, 0.5)
         point = float(np.clip(point[0] * np.exp(step[0]), *c_e)), float(point[1] * np.exp(step[1]))
@@ -91,8 +93,8 @@ def at_best_variances(
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
                 (unit, *ends), u = reach[component.quantity], shifts[block]
                 u = u + part * (-equations.solution[block] - u)
-                near = np.clip(unit * np.round(u / unit), *ends)
-                beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, near, shifts[block])
+                rounded = np.clip(unit * np.round(u / unit), *ends)
+                beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, rounded, shifts[block])
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
             hard = float(moved.observations.c_e_bounds().max())

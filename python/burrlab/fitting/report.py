@@ -228,7 +228,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
         lines.append(
             "The rows are in the order of their forces: nothing tells a drift or days from the force."
         )
-    lines += repair_sentence(fit.repairs)
+    lines += repair_sentence(fit.repairs) if fit.n_points >= FEWEST else []
     lines += sensitivity_sentence(fit.sensitivity, evidence.profile.identified.exponent)
     if good is not None and fit.n_points < FEWEST:
         lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")

@@ -47,8 +47,14 @@ std::int32_t Tissues::largest_stiffness() const {
   return *std::max_element(stiffness_.begin(), stiffness_.end());
 }
 
+static const Index3& not_negative(const Index3& shape) {
+  for (const std::int64_t side : shape)
+    if (side < 0) refuse("side of a tissue map", "zero or positive", double(side));
+  return shape;
+}
+
 TissueMap::TissueMap(const Index3& shape, const Tissues& table)
-    : shape_(shape),
+    : shape_(not_negative(shape)),
       bricks_(covering(shape, brick_side)),
       table_(table),
       number_(std::size_t(product(bricks_))),

@@ -319,6 +319,7 @@ void VoxelBone::write_pages() {
 }
 
 std::vector<std::uint32_t> VoxelBone::bricks_between(const Vec3& low, const Vec3& high) const {
+  if (!(low.array() <= high.array()).all()) return {};  // NaN too
   Index3 first, last;
   for (int axis = 0; axis < 3; ++axis) {
     const double size = brick_side * spacing_[axis], begin = origin_[axis] - 0.5 * spacing_[axis];

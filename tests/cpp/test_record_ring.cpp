@@ -47,6 +47,7 @@ void in_order() {
   CHECK(reader.next(record) == RecordReader::Result::lost);  // 16 overwrote 8
   reader.skip_to(9);
   CHECK(reader.next(record) == RecordReader::Result::record && record.index == 9);
+  CHECK(!ring->read(~std::uint64_t{0}, record));
   CHECK_THROWS(RecordRing(1), "capacity must be at least 2, got 1");
 }
 

@@ -74,6 +74,26 @@ def test_poses_and_forces_of_every_tick(version, burrs):
         assert np.abs(forces).max() > 0.1
 
 
+def test_a_peer_that_reads_slowly_gets_the_last_zero():
+    """The system has no room for it when the session ends, so it is sent as the peer reads."""
+    with Leader() as leader, contextlib.ExitStack() as stack:
+        leader.run_to(500)  # it cuts
+        peer = stack.enter_context(connect(leader, 4096))
+        assert soon(lambda: leader.publisher.status["skipped"] > 0, 60.0)  # nothing more goes out
+        leader.loop.stop()
+        leader.follower.stop()
+        stopping = threading.Thread(target=leader.publisher.stop)
+        stopping.start()
+        messages = []
+        peer.settimeout(None)  # whole messages, however they come
+        with contextlib.suppress(ConnectionError):
+            messages += (wire.decoded(data) for data in messages_of(peer))
+        stopping.join()
+    forces = [m.value[:3, 3] for m in messages if m.type == "TRANSFORM" and m.name == "Force"]
+    assert (forces[-1] == 0).all()
+    assert np.abs(forces).max() > 0.1
+
+
 def test_without_sensor_the_transform_stays():
     with Leader(sensor=False) as leader, connect(leader) as peer:
         messages = receive(peer, 10)

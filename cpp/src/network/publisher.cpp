@@ -16,6 +16,7 @@ constexpr std::int64_t stalled_after = 5 * second;  // [ns]
 constexpr std::size_t largest_turn = 262144;        // sent to one peer at once [bytes]
 constexpr std::size_t allowance = 65536;            // that a peer may send in a second [bytes]
 constexpr std::uint64_t most_faults = 16;           // dropped messages before a connection is closed
+constexpr double closing_time = 1.0;                // for what is left at the end [s]
 constexpr std::uint64_t ticks_at_once = 64;         // for a peer that need not get all
 
 static PublisherSettings checked(const PublisherSettings& settings) {
@@ -175,7 +176,16 @@ void Publisher::run() {
   }
   server_.stop_listening();
   if (vrpn_) vrpn_->close();
-  for (const auto& peer : peers) write(*peer);  // what is left, as far as the system takes it at once
+  std::vector<Peer*> left;
+  for (const auto& peer : peers) left.push_back(peer.get());
+  const auto is_done = [this](Peer* peer) { return !write(*peer) || peer->idle(); };
+  for (const std::int64_t end = steady_after(closing_time); steady_now() < end;) {
+    left.erase(std::remove_if(left.begin(), left.end(), is_done), left.end());
+    if (left.empty()) break;
+    interests.clear();
+    for (const Peer* peer : left) interests.push_back({peer->socket, false, true});
+    server_.wait(interests, false, 20);
+  }
   {
     const std::lock_guard<std::mutex> lock(session_->mutex);
     peers.clear();

@@ -26,6 +26,7 @@ void RecordRing::push(const TickRecord& record) noexcept {
 }
 
 bool RecordRing::read(std::uint64_t number, TickRecord& record) const noexcept {
+  if (number >= count_.load(std::memory_order_acquire)) return false;
   const Slot& slot = slots_[number % slots_.size()];
   if (slot.holds.load(std::memory_order_acquire) != number + 1) return false;
   std::uint64_t image[words];

@@ -22,8 +22,8 @@ static std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material&
 }
 
 TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
-    : bone_(std::move(bone)), setup_(checked(setup)), tick_(tick), version_(2 * tick) {
-  if (tick >> 53) refuse("tick", "below 2^53", double(tick));  // replicas get it as a float64
+    : bone_(std::move(bone)), setup_(checked(setup)) {
+  set_tick(tick);
   for (std::size_t i = 0; i < setup.tools.size(); ++i) {
     const Tool& tool = setup.tools[i];
     contacts_.emplace_back(bone_, tool.burr, tool.material, setup.seed, std::uint32_t(i), setup.scheme);
@@ -56,7 +56,9 @@ void TickExecutor::execute(TickRecord& record) noexcept {
 }
 
 void TickExecutor::set_tick(std::uint64_t tick) {
+  if (tick >> 53) refuse("tick", "below 2^53", double(tick));  // replicas get it as a float64
   tick_ = tick;
+  version_ = 2 * tick;
   if (watch_) watch_->pass_over(*bone_, tick);
 }
 

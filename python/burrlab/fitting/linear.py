@@ -39,7 +39,11 @@ _DIAGONAL = 1e-10  # of the information's trace, added to its diagonal: on a rid
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
-_SCORINGS, _FLAT = 50, 1e-9  # of variances below 0, at most; the fall of the criterion that ends them
+_SCORINGS, _CLOSE, _SHORT = (
+    30,
+    0.05,
+    1e-8,
+)  # of variances, at most; relative steps that are taken, and that end them
 _LEAST = 1e-3  # mean square of pairs over that of rows
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 
@@ -158,17 +162,11 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
         )
 
 
-def moved_by(
-    likelihood: Likelihood, components: Sequence[Component], shifts: Floats, back: bool = False
-) -> Likelihood:
-    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level.
-
-    `back` takes rows that were moved so back. c_e scales forces to which an offset was added.
-    """
+def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
+    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level."""
     o = likelihood.observations
-    pairs = zip(components, blocks_of(components), strict=True)
-    for component, block in sorted(pairs, key=lambda pair: (pair[0].quantity == "c_e") != back):
-        u = np.append(-shifts[block] if back else shifts[block], 0.0)  # a level of -1 has none
+    for component, block in zip(components, blocks_of(components), strict=True):
+        u = np.append(shifts[block], 0.0)  # a level of -1 has none
         if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
     return likelihood if o is likelihood.observations else likelihood.of_rows(o)
@@ -421,12 +419,14 @@ class MixedEquations:
 def reml(model: RowProducts, near: MixedEquations | None = None) -> MixedEquations:
     """The equations at the variances of the highest restricted likelihood.
 
-    The search begins at the variances `near` it, or twice: at all scatter within groups, and at the split between and
-    within that the rows show.
+    The search begins at variances `near` it, or twice: at all scatter within groups, and at the split between and within
+    that the rows show.
     """
     if not all(np.isfinite(G).all() for G in model.products):
         raise np.linalg.LinAlgError("a row has no window near this point")
     free, n_effects = np.flatnonzero(~model.known), len(model.estimated)
+    if near is not None:
+        return _scored(MixedEquations(model, near.scatter2, near.effect2))
     whole, within = np.ones((2, len(model.n)))
     for k in free:
         G = model.products[k]
@@ -451,40 +451,49 @@ def reml(model: RowProducts, near: MixedEquations | None = None) -> MixedEquatio
     if not len(free) + n_effects:
         return equations(np.empty(0))
     bounds = [(2 * np.log(MODEL_ERROR), np.log(whole[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
-    between = np.full(n_effects, max(whole.max() - within.max(), 0.1 * unit))
-    begins = [(whole, np.full(n_effects, 0.5 * unit)), (within, between)]
-    begins = [(near.scatter2, near.effect2[model.estimated])] if near else begins if n_effects else begins[1:]
+    between = max(whole.max() - within.max(), 0.1 * unit)
+    begins = [(whole, 0.5 * unit), (within, between)]
     ends = [
         scipy.optimize.minimize(
-            height, np.append(np.log(scatter2[free]), between / unit), jac=True, bounds=bounds,
-            method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7},
+            height, np.append(np.log(scatter2[free]), np.full(n_effects, between / unit)), jac=True, bounds=bounds,
+            method="L-BFGS-B", options={"ftol": 1e-9},
         )
-        for scatter2, between in begins
+        for scatter2, between in (begins if n_effects else begins[1:])
     ]  # fmt: skip
-    best = equations(min(ends, key=lambda end: float(end.fun)).x)
+    best = _scored(equations(min(ends, key=lambda end: float(end.fun)).x))
     below = [x.varies and not best.effect2[k] for k, x in enumerate(model.components)]
-    return _below_zero(best, np.array(below)) if any(below) else best
+    return _scored(best, np.array(below)) if any(below) else best
 
 
-def _below_zero(equations: MixedEquations, below: NDArray[np.bool_]) -> MixedEquations:
-    """The equations where some variances that are estimated as 0 may be negative, by scoring.
+def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -> MixedEquations:
+    """The equations at the best variances near others, by scoring; some that are estimated as 0 may be `below` it.
 
     The rows' covariance V stays positive definite. Were the variance of the pairs' differences kept at 0, the test of
     their mean would have the rows' degrees of freedom, and find too much; so, in balanced rows, it is the paired t test.
     """
     free, estimated = equations.free, equations.model.estimated
+    at_least = np.zeros(len(equations.effect2)) if below is None else np.where(below, -np.inf, 0.0)
     for _ in range(_SCORINGS):
-        step = -equations.uncertainty().of_variances @ equations.score() / 2
-        last = equations
+        score, at_0 = equations.score(), equations.effect2[estimated] <= at_least[estimated]
+        moves = np.append(np.ones(len(free), np.bool_), ~(at_0 & (score[len(free) :] >= 0)))
+        step, information = (
+            np.zeros(len(score)),
+            np.linalg.pinv(equations.uncertainty().of_variances, rcond=1e-12),
+        )
+        step[moves] = -np.linalg.pinv(information[np.ix_(moves, moves)], rcond=1e-12) @ score[moves] / 2
+        last, sizes = equations, np.append(equations.scatter2[free], equations.effect2[estimated])
+        close = bool(
+            (np.abs(step) < _CLOSE * sizes).all()
+        )  # on a ridge rounding shakes the criterion by 1e-2
         for part in 0.5 ** np.arange(20):
             scatter2, effect2 = last.scatter2.copy(), last.effect2.copy()
             scatter2[free] = np.maximum(scatter2[free] + part * step[: len(free)], MODEL_ERROR**2)
             effect2[estimated] += part * step[len(free) :]
-            effect2[~below] = np.maximum(effect2[~below], 0.0)
+            effect2 = np.maximum(effect2, at_least)
             trial = MixedEquations(last.model, scatter2, effect2)
-            if trial.definite and trial.criterion() < last.criterion():
+            if (below is None or trial.definite) and (close or trial.criterion() < last.criterion()):
                 equations = trial
                 break
-        if equations is last or last.criterion() - equations.criterion() < _FLAT:
+        if equations is last or np.abs(step[moves]).max() < _SHORT * sizes[moves].max():
             break
     return equations

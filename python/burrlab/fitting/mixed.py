@@ -442,7 +442,7 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         rises = []
         for name, value, deviation in self.beliefs:
-            rows = moved_by(self.plain, self.components, self.shifts, back=True)
+            rows = moved_by(self.plain, self.components, -self.shifts)
             others = tuple(other for other in self.beliefs if other[0] != name)
             model = MeanFieldModel(rows.observations, self.model.shape)
             alone = Likelihood(rows.observations, self.kind, model, others)
@@ -519,7 +519,7 @@ def against_indentation(likelihood: Likelihood, point: tuple[float, float]) -> l
     plain = likelihood
     if isinstance(likelihood, MixedLikelihood):
         components = likelihood.components
-        plain = moved_by(likelihood.plain, components, likelihood.shifts, back=True)
+        plain = moved_by(likelihood.plain, components, -likelihood.shifts)
     o, kind = replace(plain.observations, eased=1.0, raised=None, slow=np.empty((5, 0))), plain.kind
     if not len(o.pressed) or kind == "absolute" or any(x.sought and x.quantity == "c_e" for x in components):
         return []

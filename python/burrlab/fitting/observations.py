@@ -78,6 +78,9 @@ class Observations:
     rate_exponent: float = field(default=0.0, metadata=LATER)
     #: ln c_e of each velocity row over that of others, by which `force` is less; the rate is that of the whole force
     log_c_e: Floats | float = field(default=0.0, compare=False)
+    pressed_log_c_e: Floats | float = field(
+        default=0.0, compare=False
+    )  # of each pressed row, by which depth is more
 
     @classmethod
     def of(
@@ -258,13 +261,13 @@ class Observations:
         if offset == "c_e":
             return replace(
                 self, force=self.force * np.exp(-velocity), measured_force=self.recorded_force,
-                log_c_e=self.log_c_e + velocity,
+                log_c_e=self.log_c_e + velocity, pressed_log_c_e=self.pressed_log_c_e + pressed,
                 pressed_depth=self.pressed_depth * np.exp(pressed / self.force_exponent),
             )  # fmt: skip
         if offset == "force":
             return replace(
                 moved,
-                force=self.force + velocity,
+                force=self.force + velocity * np.exp(-self.log_c_e),
                 pressed=self.pressed + pressed,
                 measured_force=self.recorded_force,
             )
@@ -275,7 +278,7 @@ class Observations:
             )
         return replace(
             moved, window_start=np.maximum(start + velocity, 0.0), window_end=np.minimum(end + velocity, self.radius),
-            pressed_depth=self.pressed_depth + pressed,
+            pressed_depth=self.pressed_depth + pressed * np.exp(self.pressed_log_c_e / self.force_exponent),
         )  # fmt: skip
 
     def taken(self, velocity: Rows, pressed: Rows, *, run: Rows, groups: tuple[Group, ...]) -> "Observations":
@@ -285,6 +288,7 @@ class Observations:
         return replace(
             self, **columns, groups=groups, measured_force=self.recorded_force[velocity],
             log_c_e=np.broadcast_to(self.log_c_e, self.force.shape)[velocity],
+            pressed_log_c_e=np.broadcast_to(self.pressed_log_c_e, self.pressed.shape)[pressed],
             sets=replace(self.sets, velocity=self.sets.velocity[velocity], pressed=self.sets.pressed[pressed]),
         )._checked()  # fmt: skip
 

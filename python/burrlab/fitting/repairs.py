@@ -50,7 +50,11 @@ def sensitivities(
     mixed = likelihood if isinstance(likelihood, MixedLikelihood) else None
     plain, present = (mixed.plain, mixed.components) if mixed else (likelihood, ())
     o = plain.observations
-    sizes = {"surface": 0.05, "force": 0.01 * float(o.force.max()), "radius": 0.01 * float(o.radius.max())}
+    sizes = {
+        "surface": 0.05,
+        "force": 0.01 * float(o.recorded_force.max()),
+        "radius": 0.01 * float(o.radius.max()),
+    }
     sizes = {name: size for name, size in sizes.items() if name not in [x.quantity for x in present]}
     components = (*components_of(o, estimate=tuple(sizes))[-len(sizes) :], *present) if sizes else present
     model = LinearModel(

@@ -64,6 +64,12 @@ class Exponent:
     rise: Floats
     limits: Mapping[str, float]
 
+    @property
+    def interval_text(self) -> str:
+        """That of 95 % in words."""
+        interval = self.intervals["95"]
+        return "no interval" if interval == Interval(None, None) else span(interval)
+
 
 @dataclass(frozen=True)
 class Parting:
@@ -205,7 +211,7 @@ class LawComparison(Tabulated):
         """What the data tell, in plain words."""
         several = len(np.unique(self.observations.radius)) > 1
         lines = [
-            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({span(exponent.intervals['95'])})."
+            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})."
             for name, exponent in self.exponents.items()
         ]
         lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
@@ -314,7 +320,7 @@ class LawComparison(Tabulated):
                         textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
         ax.set(xlabel=_AXES[name], ylabel="rise of $-2 \\log L$", ylim=(0, 1.25 * largest))
         ax.set_xlim(exponent.grid[0], exponent.grid[-1])
-        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {span(exponent.intervals['95'])}")
+        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {exponent.interval_text}")
         return ax
 
     def to_dict(self) -> dict[str, Any]:

@@ -44,7 +44,7 @@ class ComparedSet:
     alpha: float  #: [1/ms]
     residual_kind: str
     status: str  #: of the fit
-    groups: tuple[str, ...] = ()  #: days, specimens ... that the fit knows
+    groups: tuple[str, ...] = ()  #: days, specimens ... of several levels that the fit knows
 
 
 @dataclass(frozen=True)
@@ -377,7 +377,7 @@ def compare(
             fit.alpha,
             fit.residual_kind,
             fit.status,
-            tuple(group.name for group in fit.observations.groups),
+            tuple(group.name for group in fit.observations.groups if len(group.levels) > 1),
         )
         for name, fit in zip(named, fits, strict=True)
     ]

@@ -49,9 +49,7 @@ _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of 
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
-_BELOW = (
-    0.2  # c_e where a walk begins, over the bound of the specimens' windows, which is none of the population
-)
+_BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
 
 
 def at_best_variances(
@@ -201,7 +199,7 @@ class MixedLikelihood(Likelihood):
     point : (c_e, alpha)
         Where the effects' columns are taken [N/mm^2], [1/ms].
     shifts : ndarray
-        A number for each level of each component, 0 for those that are no offset.
+        A number for each level of each component, 0 for those that move no rows.
     scatter2, effect2 : ndarray
         The variances: of each scatter, of each component.
     """
@@ -351,9 +349,7 @@ class MixedLikelihood(Likelihood):
         """Products of residuals r at alpha = 1, their derivative j by log alpha and the effects' columns Z: rr, rj,
         jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
         equations, model, within = self.equations, self.linear, stiffness
-        if (
-            self._of_specimen.any()
-        ):  # c_e at which rows are taken, over their specimens' effects: they have a window
+        if self._of_specimen.any():  # rows are taken where they have a window at their specimens' own c_e
             hard = float(part.likelihood.observations.c_e_bounds().max()) * (1 + EDGE)
             within = np.maximum(self.point[0] * (stiffness / self.point[0]) ** (1 - follow), hard)
         tables = part.likelihood.residuals(within, 1.0)
@@ -530,7 +526,7 @@ def against_indentation(likelihood: Likelihood, point: tuple[float, float]) -> l
     own = Component(pressed, "c_e", OWN, sought=True)
     rows = Likelihood(o, "log-sigma" if kind == "sigma" else kind, MeanFieldModel(o, plain.model.shape))
     hard, by_indentation = float(o.c_e_bounds().max()), float(np.exp(np.mean(np.log(by_row))))
-    ends = hard * (1 + EDGE), hard * C_E_RANGE
+    ends = hard * (_BELOW if any(x.random_c_e for x in components) else 1 + EDGE), hard * C_E_RANGE
     apart, (c_e, _) = at_best_variances(rows, (*components, own), (max(point[0], ends[0]), point[1]), ends)
     equations, shifts = apart.equations, apart.shifts[:-1]
     as_one = MixedLikelihood(

@@ -63,6 +63,8 @@ def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> d
 class TableLayout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
+    of_frame = False  # rather of a file
+
     def __init__(
         self, table: Table, columns: Mapping[str, Any] | None, unit: str | Mapping[str, str] | None,
         sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
@@ -151,7 +153,7 @@ class TableLayout:
 
     def frame(self, frame: Any) -> "TableLayout":
         """Takes a DataFrame, or a mapping of columns; ValueError with all its faults."""
-        kind = type(frame).__name__
+        kind, self.of_frame = type(frame).__name__, True
         if not isinstance(frame, Mapping) and not hasattr(frame, "itertuples"):
             raise TypeError(
                 f"frame must be a DataFrame or a mapping (a file is for from_csv), got {shown(frame)}"
@@ -279,7 +281,8 @@ class TableLayout:
         }
         hint = f": {_give('unit', changed | self.missing_units)}" if self.missing_units else ""
         if any(f"has a {_MARKS[self.thousands]}" in fault for fault in faults):
-            hint += f"; if decimals have a {_MARKS[self.thousands]}, {_give('decimal', self.thousands)}"
+            way = "make them numbers first" if self.of_frame else _give("decimal", self.thousands)
+            hint += f"; if decimals have a {_MARKS[self.thousands]}, {way}"
         return hint
 
     def faults_of_headings(

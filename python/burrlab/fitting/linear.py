@@ -425,7 +425,7 @@ def reml(model: RowProducts, near: MixedEquations | None = None) -> MixedEquatio
     if not all(np.isfinite(G).all() for G in model.products):
         raise np.linalg.LinAlgError("a row has no window near this point")
     free, n_effects = np.flatnonzero(~model.known), len(model.estimated)
-    if near is not None:
+    if near is not None and len(free) + n_effects:
         return _scored(MixedEquations(model, near.scatter2, near.effect2))
     whole, within = np.ones((2, len(model.n)))
     for k in free:

@@ -147,7 +147,7 @@ def read_flat(path: str | os.PathLike[str]) -> tuple[VoxelBone, int, str, list[s
             return None
         known, line = file.read(len(FLAT_1)) == FLAT_1, file.readline(64)
         # The core refuses other formats, and checks the header.
-        words = shlex.split(file.read(int(line.split()[0])).decode("utf-8", "replace")) if known else []
+        words = shlex.split(file.read(int(line.split()[0])).decode()) if known else []
         check_memory(2.04 * math.prod(map(int, words[:3])), "its bone")
         bone, tick, source = read_flat_bone(os.fsencode(path))
         session = words[16 + 10 * int(words[15]) + 7 * (words[15] != "0") :]

@@ -413,13 +413,15 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         )
         of_k = likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values()))
         found["k"] = _exponent("k", *of_k, widest)
-    lack, untold = likelihood.lack_of(scans), dict.fromkeys(LEVELS, Interval(None, None))
-    if lack is not None and lack.p_value < POOR:
-        found = {
-            name: exponent if name == "q" else replace(exponent, intervals=untold)
-            for name, exponent in found.items()
-        }
-    return {name: found[name] for name in ("s", "q", "m", "k") if name in found}, lack
+    lack = likelihood.lack_of(scans)
+    return {name: _told(found[name], lack) for name in ("s", "q", "m", "k") if name in found}, lack
+
+
+def _told(exponent: Exponent, lack: HypothesisTest | None) -> Exponent:
+    """Without intervals where no law fits the velocities; these do not tell q."""
+    if exponent.name == "q" or lack is None or lack.p_value >= POOR:
+        return exponent
+    return replace(exponent, intervals=dict.fromkeys(LEVELS, Interval(None, None)))
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:

@@ -131,6 +131,7 @@ std::pair<std::string, std::vector<double>> outcome(const std::vector<Vec3>& cen
   std::vector<std::uint8_t> numbers(carved->density().size());
   for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = i % 3 == 0;
   carved->set_tissues(std::make_shared<TissueMap>(carved->shape(), numbers.data(), table));
+  CHECK_THROWS(TissueMap({-1, 2, 2}, numbers.data(), table), "side of a tissue map must be zero or positive");
   HostBurr host(carved, burr, law, {});
   for (const Vec3& center : centers) {
     const HostForce feel = host.step(center, 10.3, true);
@@ -141,6 +142,7 @@ std::pair<std::string, std::vector<double>> outcome(const std::vector<Vec3>& cen
   SessionSetup setup;
   setup.tools = {{burr, law}};
   TickExecutor executor(carved, setup);
+  CHECK_THROWS(executor.set_tick(std::uint64_t{1} << 53), "tick must be below 2^53");
   TickRecord record;
   record.burr[0].on = 1;
   record.burr[0].center = {0.4, 0.1, 1.2};

@@ -176,7 +176,7 @@ void Publisher::run() {
   }
   server_.stop_listening();
   if (vrpn_) vrpn_->close();
-  std::vector<Peer*> left;
+  std::vector<Peer*> left;  // have not got all: the last force is 0, and a hand must not hold the one before
   for (const auto& peer : peers) left.push_back(peer.get());
   const auto is_done = [this](Peer* peer) { return !write(*peer) || peer->idle(); };
   for (const std::int64_t end = steady_after(closing_time); steady_now() < end;) {

@@ -39,11 +39,8 @@ _DIAGONAL = 1e-10  # of the information's trace, added to its diagonal: on a rid
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
-_SCORINGS, _CLOSE, _SHORT = (
-    30,
-    0.05,
-    1e-8,
-)  # of variances, at most; relative steps that are taken, and that end them
+_SCORINGS = 30  # of variances, at most
+_CLOSE, _SHORT = 0.05, 1e-8  # relative steps that are taken in any case, and that end the scoring
 _LEAST = 1e-3  # mean square of pairs over that of rows
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 

@@ -38,8 +38,9 @@ struct SessionSetup {
 /// The ticks of a session; one thread executes them.
 class BURRLAB_API TickExecutor {
  public:
-  /// `tick`: ticks executed on this bone before. The bone has its tissues by now, and keeps them. Throws InvalidArgument if a tool does not fit the bone,
-  /// alpha dt of 8 periods is above 1000, or there are not 1 or 2 tools.
+  /// `tick`: ticks executed on this bone before. The bone has its tissues by now, and keeps them. Throws
+  /// InvalidArgument if a tool does not fit the bone, alpha dt of 8 periods is above 1000, or there are not
+  /// 1 or 2 tools.
   TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick = 0);
   ~TickExecutor();
 

@@ -341,7 +341,7 @@ def test_window_functions():
         (lambda r: r._replace(position=float("nan")), "reading must be finite"),
         (lambda r: r._replace(position=1.0), "position must change before its force rises"),
         (lambda r: r._replace(force=0.0), "never-touched"),
-        (lambda r: r._replace(force=5.0), "overloaded"),
+        (lambda r: r._replace(force=5.0), "out-of-range"),
     ],
 )
 def test_a_faulty_rig_is_stopped(fault, outcome):

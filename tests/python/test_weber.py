@@ -26,6 +26,7 @@ from burrlab.psychophysics import (
     subjects_for_slope,
 )
 from burrlab.psychophysics.analysis import Analysis, group_lines
+from burrlab.psychophysics.psychometric import proportion_correct
 from burrlab.psychophysics.task_results import SubjectThreshold, ThresholdTask
 
 REFERENCES = np.geomspace(0.5, 8.0, 5)
@@ -139,13 +140,16 @@ def test_what_is_left_out():
     assert function.left_out == odd
     assert function.slope == SensitivityFunction.of(rows).slope
     assert (
-        "2 of 42 left out, as the threshold may lie beyond the levels or nothing is beside it: 0 at 16, lonely at 1"
+        "2 of 42 are left out, as nothing is beside them or they may lie beyond either end: 0 at 16, lonely at 1"
         in str(function)
     )
     assert WeberFraction("0", 1.0, 0.9, math.inf, open=True).open
     assert WeberFraction.of_levels([(1.5, 10, 20)], subject="0", reference=1.0).open
     rounded = WeberFraction("0", 0.1 + 0.2, 0.2, 0.1), WeberFraction("0", 0.3, 0.2, 0.1)
-    few, sides = "a subject with two references or more, got none", [(0.9, 1, 2), (1.1, 1, 2)]
+    few, sides = (
+        "a subject with two references or more that are not open, got none",
+        [(0.9, 1, 2), (1.1, 1, 2)],
+    )
     refused(
         (lambda: SensitivityFunction.of(odd), few),
         (lambda: SensitivityFunction.of(rounded), few),
@@ -155,6 +159,51 @@ def test_what_is_left_out():
             "levels must lie on one side of 1, got 2 on 2 sides",
         ),
     )
+
+
+def test_a_bound_on_a_side():
+    """Thresholds beyond the levels count by their side: the likelihood is the half of Phi at the bound."""
+    for ratios, right, sign in (
+        ((1.1, 1.3), (11, 12), 1.0),
+        ((1.3, 2.0), (20, 20), -1.0),
+        ((0.9, 0.8), (11, 12), 1.0),
+    ):
+        row = WeberFraction.of_levels(
+            [(x, n, 20) for x, n in zip(ratios, right, strict=False)], subject="0", reference=4.0
+        )
+        assert row.open
+        assert row.bound[1] * sign > 0.0
+        far = row.about(row.bound[0] + 9.0 * row.bound[1]), row.about(row.bound[0] - 9.0 * row.bound[1])
+        # nothing is known there, and the side here
+        assert far[0][1] > 100.0 > 1.1 * abs(row.bound[1]) > far[1][1]
+    rows = [WeberFraction("0", p0, 0.2, 0.1) for p0 in (1.0, 2.0)]
+    function = SensitivityFunction.of([*rows, replace(row, bound=(math.log(0.4), 0.1))])
+    assert function.slope.mean > 0.05
+    assert "1 of 3 may lie beyond the levels, and count as such: 0 at 4" in str(function)
+    assert function.plot().get_lines()[0].get_marker() == "v"
+    assert "half of them may lie beyond" in str(
+        SensitivityFunction.of([*rows, *[replace(row, bound=None)] * 2])
+    )
+
+
+def test_the_slope_is_held_where_thresholds_lie_beyond_the_levels():
+    """Three in ten do. Left out, they would bias the slope by -0.2, and 37 of 60 intervals would hold it."""
+    held, means, levels = 0, [], np.exp(np.geomspace(math.log(1.05), math.log(2.0), 6))
+    for seed in range(60):
+        random, rows = np.random.default_rng([seed, 7]), []
+        for subject in range(12):
+            own, level = 1.0 + 0.2 * random.normal(), math.log(0.4) + 0.3 * random.normal()
+            for p0 in REFERENCES:
+                threshold = math.log1p(math.exp(level + own * math.log(p0 / 2.0)))
+                correct = random.binomial(10, proportion_correct(np.log(levels), threshold, 1.25, 0.02))
+                trials = [(float(ratio), int(n), 10) for ratio, n in zip(levels, correct, strict=True)]
+                rows.append(WeberFraction.of_levels(trials, subject=str(subject), reference=float(p0)))
+        slope = SensitivityFunction.of(rows).slope
+        held += slope.interval[0] <= 1.0 <= slope.interval[1]
+        means.append(slope.mean)
+    print(f"held {held} of 60, bias {np.mean(means) - 1.0:+.3f}")
+    assert held >= binom.ppf(5e-7, 60, 0.95)
+    assert abs(np.mean(means) - 1.0) < 0.05
 
 
 def test_curvature_is_seen():
@@ -187,6 +236,12 @@ def test_from_the_file_to_the_function(tmp_path):
     published = "published exponent 2, definition\nunknown: four readings through the middle"
     assert published in axes.get_legend_handles_labels()[1]
     assert published not in function.plot(published=False).get_legend_handles_labels()[1]
+    tasks = [replace(task, subjects=tuple(replace(x, levels=((1.5, 20, 20),), clipped=()) for x in task.subjects))
+             for task in analysis.tasks if task.design.get("parameter")]  # fmt: skip
+    assert (
+        "the reference: no function, as no subject has two thresholds within the levels"
+        in Analysis("", tuple(tasks), (), {}).report()
+    )
 
 
 def test_a_slope_that_was_set_comes_back(tmp_path):

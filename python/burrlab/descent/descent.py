@@ -367,7 +367,7 @@ class _ForceLoop:
         """Commands the rig; returns why the run ends, None while it goes on."""
         self.rows.append((reading.position, reading.force, self.command))
         if reading.force >= self.rig.force_limit:
-            return "overloaded"
+            return "out-of-range"
         travelled = reading.position - self.rows[0][0]
         if travelled < -RETREAT or (self.surface is None and travelled > LONGEST_APPROACH):
             return "stalled" if self.engaged else "never-touched"

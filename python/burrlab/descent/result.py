@@ -50,8 +50,8 @@ class Descent(Tabular):
     Attributes
     ----------
     status : str
-        ``ok``, ``overloaded``, ``never-touched``, ``never-settled``, ``window-too-short``, ``stalled`` or
-        ``interrupted``; any but ``ok`` has a `reason` and no `penetration_velocity`.
+        ``ok``, ``overloaded``, ``out-of-range``, ``never-touched``, ``never-settled``, ``window-too-short``,
+        ``stalled`` or ``interrupted``; any but ``ok`` has a `reason` and no `penetration_velocity`.
     penetration_velocity : float or None
         Least-squares slope of immersion over time in `window` [mm/s].
     window : (float, float) or None
@@ -307,9 +307,8 @@ def _status(
     if ending == "interrupted":
         return ending, f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
     if ending == "overloaded" or (static >= stop and ending != "never-touched"):
-        if material is None or static < stop:
-            bound = f"; the force reached {float(series.force.max(initial=0.0)):.4g} N"
-        else:
+        bound = ""
+        if material is not None and static >= stop:
             most = material.c_e * burr.radius**2 * (stop / burr.radius) ** material.force_exponent
             bound = f"; static contact carries at most {most:.4g} N there"
         return "overloaded", (
@@ -318,6 +317,11 @@ def _status(
     if ending == "stalled":
         deepest, time = (f"{h[-1]:.3f}", series.time[-1]) if len(h) else ("no", 0.0)
         return ending, f"at {deepest} mm of {stop:.3f} mm after {time:.4g} s, when the run was given up"
+    if ending == "out-of-range":
+        return (
+            ending,
+            f"at {h[-1]:.3f} mm the force reached {series.force[-1]:.4g} N, the end of the rig's range",
+        )
     if ending == "never-touched":
         return ending, "the burr met no bone on its way"
     if settled is None:

@@ -121,7 +121,9 @@ class Fit(FitRecord, Tabulated):
         ValueError
             If the level is unknown, or the fit failed.
         """
-        return self._evidence().profile.regions[level_name(level)]
+        regions, name = self._evidence().profile.regions, level_name(level)
+        refuse(name not in regions, f"the fit must have a region of {name} %: it has {', '.join(regions)}")
+        return regions[name]
 
     def test(self, c_e: float, alpha: float) -> HypothesisTest:
         """Whether given values lie in the joint region: the rise of -2 log L, judged as the regions are.

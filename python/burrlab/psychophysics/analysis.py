@@ -236,20 +236,6 @@ def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     return fields
 
 
-def sensitivity_lines(functions: Sequence[SensitivityFunction]) -> list[str]:
-    """The functions and, for each two, whether their slopes differ."""
-    lines = ["", "Sensitivity along the references"] if functions else []
-    for i, function in enumerate(functions):
-        lines += ["", *str(function).splitlines()]
-        for other in functions[:i]:
-            if function.lines.keys() & other.lines.keys():
-                difference = function.difference(other)
-                lines.append(
-                    f"its slope less that of {other.name}: {difference}, p = {p_text(difference.p_value())}"
-                )
-    return lines
-
-
 def write_rows(file: str | os.PathLike[str] | IO[str], rows: Sequence[Mapping[str, Any]]) -> None:
     """Writes tab-separated rows under the names of all their columns: n/a for no value, inf for an open end."""
     names = list(dict.fromkeys(column for row in rows for column in row))
@@ -307,6 +293,14 @@ class Analysis(InJson):
         the device could not render (`clipped`), which a line of the report counts. Days on which a
         subject's runs began are sessions. Above and below the references there are functions of their own.
         """
+        return tuple(
+            SensitivityFunction.of(fractions, parameter, name=name, level=self.tasks[0].level)
+            for (parameter, name), fractions in self._weber_fractions().items()
+            if usable(fractions)
+        )
+
+    def _weber_fractions(self) -> dict[tuple[str, str], list[WeberFraction]]:
+        """Fractions by parameter and by what was varied, in words."""
         rows: dict[tuple[str, str], list[WeberFraction]] = {}
         for task in self.tasks:
             if not isinstance(task, ThresholdTask) or (reference := reference_of(task.design)) is None:
@@ -327,11 +321,23 @@ class Analysis(InJson):
                                 force=subject.pressed,
                             )
                         )  # fmt: skip
-        return tuple(
-            SensitivityFunction.of(fractions, parameter, name=name, level=task.level)
-            for (parameter, name), fractions in rows.items()
-            if usable(fractions)
-        )
+        return rows
+
+    def _sensitivity_lines(self) -> list[str]:
+        """The functions and, for each two, whether their slopes differ; what has no function."""
+        lines, functions = list[str](), self.sensitivity_functions()
+        for i, function in enumerate(functions):
+            lines += ["", *str(function).splitlines()]
+            for other in functions[:i]:
+                if function.lines.keys() & other.lines.keys():
+                    difference = function.difference(other)
+                    lines.append(
+                        f"its slope less that of {other.name}: {difference}, p = {p_text(difference.p_value())}"
+                    )
+        for (_, name), rows in self._weber_fractions().items():
+            if len({row.reference for row in rows}) > 1 and not usable(rows):
+                lines += ["", f"{name}: no function, as no subject has two thresholds within the levels"]
+        return ["", "Sensitivity along the references", *lines] if lines else []
 
     def report(self, *, width: int | None = None) -> str:
         """The whole analysis as text.
@@ -348,7 +354,7 @@ class Analysis(InJson):
             if task.subjects:
                 sentences = [*(f"  {line}" for line in legend(task)), "", *group_lines(task)]
                 lines += ["", *tables_lines(columns(task), width), *wrapped_lines(sentences, width)]
-        lines += wrapped_lines(sensitivity_lines(self.sensitivity_functions()), width)
+        lines += wrapped_lines(self._sensitivity_lines(), width)
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -408,9 +414,7 @@ class Analysis(InJson):
                     f"<p><small>{escape(' '.join(legend(task)))}</small></p>",
                     *(f"<p>{escape(line)}</p>" for line in group_lines(task)),
                 ]
-        parts += [
-            f"<p>{escape(line)}</p>" for line in sensitivity_lines(self.sensitivity_functions()) if line
-        ]
+        parts += [f"<p>{escape(line)}</p>" for line in self._sensitivity_lines() if line]
         return "".join(parts)
 
 

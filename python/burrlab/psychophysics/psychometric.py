@@ -77,6 +77,10 @@ class ThresholdPosterior:
         weights = np.exp(self._log - self._log.max())
         return np.asarray(weights / weights.sum())
 
+    def marginal(self) -> Floats:
+        """Weights of the thresholds, whatever slope and lapse rate."""
+        return np.asarray(self.weights().reshape(_THRESHOLDS, -1).sum(axis=1))
+
     def update(self, difference: float, correct: int, trials: int = 1) -> None:
         p = proportion_correct(difference, *self._grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
@@ -94,8 +98,7 @@ class ThresholdPosterior:
 
     def threshold(self, side: float, trials: int, level: float = 0.95) -> "PosteriorThreshold":
         """The geometric mean and the interval of the threshold, as ratios above 1 (side 1) or below 1 (side -1)."""
-        weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
-        marginal = weights.sum(axis=(1, 2))
+        weights, marginal = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size), self.marginal()
         logs = np.log(self.thresholds)
         # A grid point stands for the cell around it; the end points have half a cell.
         edges = np.concatenate([logs[:1], 0.5 * (logs[1:] + logs[:-1]), logs[-1:]])

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from scipy import special
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
@@ -54,6 +55,12 @@ PUBLISHED_EXPONENTS = {"c_e": 2.0, "alpha": 3.0}
 
 _LEAST = 1e-20  # least variance about the lines, so that exact ones have weights
 _BEYOND = 4.0  # factor by which a threshold may lie beyond the levels
+_NOTHING = 1e3  # error of ln W that says nothing
+_STEPS, _STEP, _CLOSE = (
+    100,
+    2.0,
+    1e-9,
+)  # most steps to the lines; the longest, and one that ends them, of ln W
 
 
 @dataclass(frozen=True)
@@ -72,9 +79,13 @@ class WeberFraction:
     session : str
         Names the session among the subject's own; empty if they are not told apart.
     open : bool
-        Whether the threshold may lie beyond the levels; such a fraction is left out of the function.
+        Whether the threshold may lie beyond the levels.
     force : float or None
         Mean force that was pressed in these trials [N], if known.
+    bound : (float, float) or None
+        c and e of an open fraction: a threshold at W gives such answers in proportion to Phi((ln W - c)/e), where e < 0
+        if it may lie nearer to 1 than the levels. None if it may lie at either end, or is not known; the function then
+        leaves the fraction out.
     """
 
     subject: str
@@ -84,6 +95,7 @@ class WeberFraction:
     session: str = ""
     open: bool = False
     force: float | None = None
+    bound: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("reference", "fraction", "error"):
@@ -115,18 +127,35 @@ class WeberFraction:
         rows = [(math.log(ratio), correct, trials) for ratio, correct, trials in levels]
         sides = {math.copysign(1.0, difference) for difference, _, _ in rows}
         refuse(len(sides) != 1, f"levels must lie on one side of 1, got {len(rows)} on {len(sides)} sides")
-        distances = [abs(difference) for difference, _, _ in rows]
+        distances, side = [abs(difference) for difference, _, _ in rows], sides.pop()
         posterior = ThresholdPosterior(min(distances) / _BEYOND, max(distances) * _BEYOND)
         for difference, correct, trials in rows:
             posterior.update(abs(difference), correct, trials)
-        threshold = posterior.threshold(sides.pop(), sum(trials for _, _, trials in rows))
+        threshold, bound = posterior.threshold(side, sum(trials for _, _, trials in rows)), None
         near, fraction, far = (
             abs(x - 1.0) for x in (threshold.interval[0], threshold.level, threshold.interval[1])
         )
+        if (
+            threshold.open_above is not threshold.open_below
+        ):  # towards the open end the posterior rises to its plateau
+            end = slice(None, None, 1 if threshold.open_above else -1)
+            likely, at = posterior.marginal()[end], np.log(np.abs(np.expm1(side * posterior.thresholds)))[end]
+            rise = slice(int(np.argmax(likely)) + 1)
+            half, lower = np.interp([0.5, special.ndtr(-1.0)], likely[rise] / likely.max(), at[rise])
+            bound = float(half), float(half - lower)
         return cls(
             subject, reference, fraction, math.log(far / near) / (2.0 * _Z), session,
-            threshold.open_below or threshold.open_above, force,
+            threshold.open_below or threshold.open_above, force, bound,
         )  # fmt: skip
+
+    def about(self, ln_w: float) -> tuple[float, float]:
+        """A value of ln W and its error that stand for an open fraction about a value (a step of Newton's)."""
+        if self.bound is None:
+            return ln_w, _NOTHING
+        z = (ln_w - self.bound[0]) / self.bound[1]
+        mills = math.exp(-0.5 * z**2 - float(special.log_ndtr(z))) / math.sqrt(2.0 * math.pi)
+        error = min(abs(self.bound[1]) / math.sqrt(max(mills * (z + mills), _LEAST)), _NOTHING)
+        return ln_w + mills * error**2 / self.bound[1], error
 
 
 _Z = 1.959963984540054  # of a 95 % interval
@@ -209,8 +238,9 @@ class SensitivityFunction(Tabular):
     """Weber fractions of subjects along references: ln W = level + slope ln(p0/center).
 
     Each subject has a level and a slope of his own, by least squares with weights 1/error^2; sessions have
-    effects that all subjects share. The scatter about these lines, pooled, sets the scale of the errors, as
-    weights do in lmer. The group's values are means over the subjects, whose errors the sessions correlate.
+    effects that all subjects share. A fraction that is open counts by its `bound`: were it left out, the slope would
+    be biased towards 0. The scatter about these lines, pooled, sets the scale of the errors, as weights do in lmer.
+    The group's values are means over the subjects, whose errors the sessions correlate.
 
     Attributes
     ----------
@@ -218,7 +248,7 @@ class SensitivityFunction(Tabular):
     name : str
         What was varied, and how, in words.
     fractions, left_out : tuple of WeberFraction
-        Those used; those that are open, or of a subject with one reference only.
+        Those used; those of a subject without two references that are not open, and those open without a bound.
     center : float
         Geometric mean of the references used [N/mm^2 or 1/ms].
     lines : mapping of str to ndarray
@@ -293,7 +323,9 @@ class SensitivityFunction(Tabular):
         refuse(parameter not in UNITS, f"parameter must be one of {', '.join(UNITS)}, got {parameter!r}")
         rows = list(fractions)
         used = usable(rows)
-        refuse(not used, "fractions must hold a subject with two references or more, got none")
+        refuse(
+            not used, "fractions must hold a subject with two references or more that are not open, got none"
+        )
         center = math.exp(float(np.mean(np.log([row.reference for row in used]))))
         lines, covariance, freedom, scale, sessions = _regression(used, center, 1)
         levels, slopes = (
@@ -401,17 +433,22 @@ class SensitivityFunction(Tabular):
             pressed = ", ".join(f"{f:.2g} N at {p0:.3g}" for f, p0 in zip(forces, references, strict=True))
             beside = self.at_equal_force or "cannot be told from the references"
             lines.append(f"pressed: {pressed}; the slope at equal force, which corrects nothing: {beside}")
-        if self.left_out:
-            rows = ", ".join(f"{row.subject} at {row.reference:.3g}" for row in self.left_out)
-            lines.append(
-                f"{len(self.left_out)} of {len(self.left_out) + len(self.fractions)} left out, as the threshold may lie "
-                f"beyond the levels or nothing is beside it: {rows}"
-            )
+        everyone = [*self.fractions, *self.left_out]
+        for rows, why in (
+            ([row for row in self.fractions if row.open], "may lie beyond the levels, and count as such"),
+            (self.left_out, "are left out, as nothing is beside them or they may lie beyond either end"),
+        ):
+            names = ", ".join(f"{row.subject} at {row.reference:.3g}" for row in rows)
+            lines += [f"{len(rows)} of {len(everyone)} {why}: {names}"] if rows else []
+        if 2 * sum(row.open for row in everyone) >= len(everyone):
+            lines.append("where half of them may lie beyond the levels, the slope is biased towards 0")
         return "\n".join(lines)
 
     @drawing
     def plot(self, ax: Axes | None = None, *, published: bool = True, **style: Any) -> Axes:
         """Sensitivity 1/W over the reference, both logarithmic: subjects with intervals, group with its band.
+
+        A hollow triangle points to where the threshold of an open fraction may lie.
 
         `style`: properties of the group's line.
 
@@ -427,9 +464,15 @@ class SensitivityFunction(Tabular):
             rows = sorted(
                 (row for row in self.fractions if row.subject == subject), key=lambda row: row.reference
             )
+            drawn_at = np.array([rows[0].reference, rows[-1].reference])
+            look: dict[str, Any] = {"color": REFERENCE, "alpha": 0.5, "linewidth": 0.8}
+            for row in rows:
+                if row.bound is not None:
+                    mark = "v" if row.bound[1] > 0.0 else "^"
+                    ax.plot(row.reference, math.exp(-row.bound[0]), mark, mfc="none", ms=4, **look)
+            rows = [row for row in rows if not row.open]
             x, w = np.array([row.reference for row in rows]), np.array([row.fraction for row in rows])
             error = np.exp(self._normal * np.array([row.error for row in rows]))
-            look: dict[str, Any] = {"color": REFERENCE, "alpha": 0.5, "linewidth": 0.8}
             ax.errorbar(
                 x,
                 1.0 / w,
@@ -439,8 +482,8 @@ class SensitivityFunction(Tabular):
                 elinewidth=0.6,
                 **look,
             )
-            drawn = np.exp(-line[0] - line[1] * np.log(x[[0, -1]] / self.center))
-            ax.plot(x[[0, -1]], drawn, **look, label="subjects" if i == 0 else None)
+            drawn = np.exp(-line[0] - line[1] * np.log(drawn_at / self.center))
+            ax.plot(drawn_at, drawn, **look, label="subjects" if i == 0 else None)
         references = [row.reference for row in self.fractions]
         span = np.geomspace(min(references), max(references), 200)
         w, low, high = np.array([self.fraction_at(float(p0)) for p0 in span]).T
@@ -510,12 +553,11 @@ def subjects_for_slope(
 
 
 def usable(fractions: Iterable[WeberFraction], references: int = 2) -> list[WeberFraction]:
-    """The fractions that are not open, of subjects with so many references or more, alike to nine digits."""
-    closed = [row for row in fractions if not row.open]
-    known: dict[str, set[str]] = {}
-    for row in closed:
-        known.setdefault(row.subject, set()).add(f"{row.reference:.9g}")
-    return [row for row in closed if len(known[row.subject]) >= references]
+    """The fractions of subjects with so many references or more, alike to nine digits, that are not open."""
+    rows, known = list(fractions), dict[str, set[str]]()
+    for row in rows:
+        known.setdefault(row.subject, set()).update([] if row.open else [f"{row.reference:.9g}"])
+    return [row for row in rows if len(known[row.subject]) >= references and (row.bound or not row.open)]
 
 
 def _regression(
@@ -534,15 +576,25 @@ def _regression(
     if force:
         logarithms = np.log([[row.force or 1.0] for row in rows])
         shared = np.hstack([shared.reshape(len(rows), -1), logarithms])
-    weights = 1.0 / np.array([row.error for row in rows])
-    matrix = np.hstack([own, shared]) * weights[:, None]
-    if (force or len(sessions) > 1) and int(np.linalg.matrix_rank(matrix)) < matrix.shape[1]:
+    columns, closed = np.hstack([own, shared]), np.array([not row.open for row in rows])
+    weights = np.array([0.0 if row.open else 1.0 / row.error for row in rows])
+    singular = int(np.linalg.matrix_rank(columns * weights[:, None])) < columns.shape[1]
+    if (force or len(sessions) > 1) and singular:
         if len(sessions) == 1:
             return {}, np.zeros((0, 0, 0, 0)), 0, 1.0, 0
         return _regression([replace(row, session="") for row in rows], center, degree, force=force)
-    weighted = np.log([row.fraction for row in rows]) * weights
-    coefficients = np.linalg.lstsq(matrix, weighted, rcond=None)[0]
-    freedom, misfit = len(rows) - matrix.shape[1], matrix @ coefficients - weighted
+    values, last = np.log([row.fraction for row in rows]), None
+    for _ in range(_STEPS):
+        matrix, weighted = columns * weights[:, None], values * weights
+        coefficients = np.linalg.lstsq(matrix, weighted, rcond=None)[0]
+        fitted = columns @ coefficients
+        if closed.all() or (last is not None and np.abs(fitted - last).max() < _CLOSE):
+            break
+        last = fitted if last is None else last + np.clip(fitted - last, -_STEP, _STEP)
+        for i in np.flatnonzero(~closed):
+            values[i], error = rows[i].about(last[i])
+            weights[i] = 1.0 / error
+    freedom, misfit = max(int(closed.sum()) - matrix.shape[1], 0), (matrix @ coefficients - weighted)[closed]
     variance = max(float(misfit @ misfit) / freedom, _LEAST) if freedom else 1.0
     size, shape = own.shape[1], design.shape[1:]
     covariance = np.linalg.inv(matrix.T @ matrix)[:size, :size].reshape(*shape, *shape) * variance

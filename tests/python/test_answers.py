@@ -339,21 +339,35 @@ def test_rows_survive_the_file(data):
     assert [row for _, row in found.rows] == rows
 
 
-@pytest.mark.parametrize(("task", "place"), [("probing", 1), ("match", 2)])
-def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place):
+@pytest.mark.parametrize(
+    ("task", "place", "kinds", "sentence"),
+    [
+        ("probing", 1, ("AB", "BA"), "BA has 'pvc' there, got 'bone'"),
+        ("match", 2, ("AB", "BA"), "BA has 'pvc' there, got 'bone'"),
+        ("up", 2, ("RC", "CR"), "CR has 'bone' there, got 'bone c_e x"),
+    ],
+)
+def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place, kinds, sentence):
     """The answers stay right or wrong, but would be counted for other pairs."""
     _, path = begun(tmp_path, task, count=4)
     rows = path.read_text().splitlines()
-    line = next(number for number, row in enumerate(rows) if "\tAB\t" in row)
-    other = rows[line].replace("\tAB\t", "\tBA\t")
-    if task == "match":
+    was, now = (f"\t{kind}\t" for kind in kinds)
+    line = next(number for number, row in enumerate(rows) if was in row)
+    other = rows[line].replace(was, now)
+    if task != "probing":
         other = "\t".join(
             {"first": "second", "second": "first"}.get(field, field) for field in other.split("\t")
         )
     path.write_text("\n".join([*rows[:line], other, *rows[line + 1 :], ""]))
-    with pytest.raises(
-        ValueError, match=f"line {line + 1}, column stimulus_{place}: BA has 'pvc' there, got 'bone'"
-    ):
+    with pytest.raises(ValueError, match=f"line {line + 1}, column stimulus_{place}: {sentence}"):
+        read_answers(path)
+
+
+def test_more_answers_than_trials(tmp_path):
+    _, path = begun(tmp_path, "match", count=4)
+    *_, last = path.read_text().splitlines()
+    path.write_text(path.read_text() + last.replace("\t4\tmain", "\t5\tmain") + "\n")
+    with pytest.raises(ValueError, match="the run has at most 4 trials, got 5 answers"):
         read_answers(path)
 
 

@@ -54,7 +54,7 @@ def do_power(options: Options) -> None:
         with working(f"task {name}: simulating"):
             power = design.power(len(protocol.subjects))
         print(f"task {name}, {protocol.minutes(name):.0f} min of intervals and breaks\n{power}\n", flush=True)
-    total = sum(map(protocol.minutes, protocol.tasks)) + (len(protocol.tasks) - 1) * protocol.rest / 60.0
+    total = sum(map(protocol.minutes, protocol.tasks)) + (len(protocol.units) - 1) * protocol.rest / 60.0
     print(f"all tasks: {total:.0f} min a subject, and the time of answers")
 
 

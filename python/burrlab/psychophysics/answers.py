@@ -190,6 +190,10 @@ def read_answers(
     else:
         reader, content, torn = read_own_rows(file, content, car.task)
         _check_stimuli(file, reader.rows, car)
+        refuse(
+            len(reader.rows) > car.trials,
+            f"{file}: the run has at most {car.trials} trials, got {len(reader.rows)} answers",
+        )
     notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
     return Answers(
@@ -235,13 +239,14 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCa
     places = {
         "same-different": {"A": "a", "B": "b"},
         "abx": {"": "reference", "A": "match", "B": "foil"},
-    }.get(car.task, {})
+        "2ifc": {"R": "reference"} if car.design.get("boundary_mm") is None else {},
+    }[car.task]
     names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
     for line, row in rows if names else ():
-        expected = [names[letter] for letter in ([""] if "" in names else []) + list(row.trial_type)]
+        expected = [names.get(letter) for letter in ([""] if "" in names else []) + list(row.trial_type)]
         for place, (stimulus, name) in enumerate(zip(row.stimuli, expected, strict=False), start=1):
             refuse(
-                stimulus not in (None, name),
+                None not in (stimulus, name) and stimulus != name,
                 f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got "
                 f"{stimulus!r}",
             )

@@ -255,9 +255,9 @@ def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[l
 
 
 def checked_level(name: str, level: float) -> float:
-    """The ratio; ValueError unless it is above 0 and not 1."""
+    """The ratio; ValueError unless it lies between 1e-6 and 1e6 and is not 1."""
     value = float(level)
-    refuse(not (math.isfinite(value) and value > 0.0), f"{name} must be a ratio above 0, got {value}")
+    refuse(not 1e-6 <= value <= 1e6, f"{name} must be a ratio from 1e-6 to 1e6, got {value}")
     refuse(value == 1.0, f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
     return value
 

@@ -98,7 +98,7 @@ class TomlTable:
 
     def __init__(self, file: str, name: str, values: Mapping[str, Any]) -> None:
         self.file, self.name, self._values = file, name, values
-        self._known: list[str] = []
+        self._known: dict[str, None] = {}
 
     def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
         """The value of a key, which must obey the rules; numbers become floats; lists must hold numbers."""
@@ -123,7 +123,7 @@ class TomlTable:
 
     def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
         """The value of a key, as in the file."""
-        self._known.append(key)
+        self._known[key] = None
         self.refuse(key not in self and default is _REQUIRED, f"{what or key} is missing")
         return self._values.get(key, default)
 
@@ -589,13 +589,14 @@ class Protocol:
     def minutes(self, task: str) -> float:
         """Most minutes that a task takes a subject: intervals, pauses and breaks, without the time of answers.
 
-        An interval that the subject ends counts only by its pause.
+        An interval that the subject ends counts only by its pause. Tasks that are interleaved share their breaks.
         """
+        (unit,) = [unit for unit in self.units if task in unit]
         order, blocks = self.order(self.subjects[0], task), self.tasks[task].blocks
         trial = order.next()
         assert trial is not None
         intervals = sum((interval.duration or 0.0) + self.pause for interval in trial.intervals)
-        return (order.total * intervals + (blocks - 1) * self.rest) / 60.0
+        return (order.total * intervals + (blocks - 1) * self.rest / len(unit)) / 60.0
 
     @property
     def data(self) -> ExperimentFolder:

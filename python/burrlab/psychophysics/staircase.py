@@ -56,13 +56,12 @@ class Staircased(ComparisonDesign):
     def order(self, *, seed: int, subject: str) -> "StaircaseOrder":
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
 
-    def _measure(self, answers: "Answers") -> tuple[float | None, int]:
-        """The difference that a run with an observer finds, and the number of trials."""
+    def _measure(self, answers: "Answers") -> "Threshold":
+        """The threshold that a run with an observer finds."""
         track = self.track()
         while (level := track.level()) is not None:
             track.update(answers(abs(math.log(level))))
-        threshold = track.threshold()
-        return threshold.difference, threshold.trials
+        return track.threshold()
 
 
 class StaircaseOrder(Order):
@@ -441,12 +440,12 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         differences = [abs(math.log(level)) for level in self.levels]
         threshold = math.sqrt(min(differences) * max(differences))
 
-        def estimate(answers: "Answers") -> tuple[float | None, int]:
+        def estimate(answers: "Answers") -> PosteriorThreshold:
             posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
             for difference in differences:
                 right = sum(answers(difference) for _ in range(self.repeats))
                 posterior.update(difference, right, self.repeats)
-            return posterior.threshold(1.0, self.trials).difference, self.trials
+            return posterior.threshold(1.0, self.trials)
 
         return (
             f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each\n"
@@ -588,6 +587,7 @@ class AdaptiveTrack:
 
 #: An observer: whether the answer at a difference |ln level| is correct.
 Answers: TypeAlias = Callable[[float], bool]
+Threshold: TypeAlias = StaircaseThreshold | PosteriorThreshold
 
 _RUNS = 200
 _D_PRIME = float(rule_of("2ifc", "independent-observations").invert(0.75, 0.25)[0])  # 0.954 at threshold
@@ -612,25 +612,30 @@ def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPS
 
 
 def precision(
-    estimate: Callable[[Answers], tuple[float | None, int]],
+    estimate: Callable[[Answers], Threshold],
     threshold: float,
     where: str,
     subjects: int,
     target: float | None = None,
 ) -> str:
-    """Lines on simulated runs of an observer; `estimate` returns a run's difference and trials."""
+    """Lines on simulated runs of an observer, by their estimates; one that is open is none."""
     draws = np.random.default_rng(0)
     runs = [
         estimate(lambda difference: draws.random() < gaussian_correct(difference, threshold))
         for _ in range(_RUNS)
     ]
     sought = threshold if target is None else gaussian_difference(target, threshold)
-    logs = [math.log(difference / sought) for difference, _ in runs if difference is not None]
+    logs = [
+        math.log(run.difference / sought)
+        for run in runs
+        if run.difference is not None
+        and not (isinstance(run, PosteriorThreshold) and (run.open_below or run.open_above))
+    ]
     lines = [
-        f"{_RUNS} simulated runs ({np.mean([number for _, number in runs]):.0f} trials on average) of an "
+        f"{_RUNS} simulated runs ({np.mean([run.trials for run in runs]):.0f} trials on average) of an "
         "observer with Gaussian noise, "
         f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):",
-        f"{_RUNS - len(logs)} of them end without a threshold" * (len(logs) < _RUNS),
+        f"{_RUNS - len(logs)} of them end without a threshold within the levels" * (len(logs) < _RUNS),
     ]
     if len(logs) > 1:
         spread, bias = float(np.std(logs, ddof=1)), float(np.mean(logs))

@@ -1,7 +1,6 @@
 """The input of an analysis, and the results of a task: its subjects and the group, with scores or thresholds."""
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -154,10 +153,13 @@ class TaskData:
 
 
 def level_counts(rows: Iterable[AnswerRow]) -> tuple[tuple[float, int, int], ...]:
-    """(level, correct answers, trials) of the rows that have a level, by level."""
-    answered = [(row.level, row.correct) for row in rows if row.level is not None]
-    trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
-    return tuple((level, right[level], trials[level]) for level in sorted(trials))
+    """(level, correct answers, trials) of the rows that have a level, by level, alike to nine digits."""
+    counts: dict[str, tuple[float, int, int]] = {}
+    for row in rows:
+        if row.level is not None:
+            level, right, trials = counts.get(text := f"{row.level:.9g}", (row.level, 0, 0))
+            counts[text] = level, right + row.correct, trials + 1
+    return tuple(sorted(counts.values()))
 
 
 def design_text(design: Mapping[str, Any]) -> str:

@@ -112,6 +112,10 @@ CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
         (["descend", "--force", "1", "--axis", "1,2"], "--axis: must be X,Y,Z"),
         (["descend", "--force", "1", "--seed", "x"], "--seed"),
         (["sweep", "--forces", "1:2", "--out", "x.csv"], "--forces: must be FIRST:LAST:COUNT"),
+        (
+            ["design", "none.json", "--compare", "0.9", "--specimens", "12:3"],
+            "--specimens: must be FIRST:LAST, the smaller",
+        ),
         (["fit", "none.csv", "--radius", "3"], "none.csv"),
         (["fit", "none.csv", "--test", "2.1"], "--test: must be C_E,ALPHA"),
         (["fit", "none.csv", "--store", "s.jsonl"], "--store goes with --engine voxel"),

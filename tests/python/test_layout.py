@@ -100,6 +100,14 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         "# source: bench 3\nforce_N,day,velocity_mm_s\n0.5,Mo,0.0785\n1,Tu,0.498\n1.5,We,1.4982\n2,,2.75\n2.5,Fr,3.125\n",
         "utf-8", [], ["other columns, kept apart: day\n"],
     ),
+    "our own headings, a spreadsheet's error value first": (
+        "day,force_N,velocity_mm_s\nMo,0.5,0.0785\n#N/A,1,0.498\n# no row\n#DIV/0!,1.5,1.4982\nTh,2,2.75\n#NV,2.5,3.125\n",
+        "utf-8", [], ["other columns, kept apart: day\n"],
+    ),
+    "the same in another program's file": (
+        "Tag;F;v\nMo;0,5;0,0785\n#N/A;1;0,498\n# no row;1;1\n#DIV/0!;1,5;1,4982\nTh;2;2,75\n#NV;2,5;3,125\n",
+        "utf-8", ["--columns", "force=F,velocity=v", "--decimal", ","], ["comments (1)", "kept apart: Tag"],
+    ),
 }  # fmt: skip
 
 

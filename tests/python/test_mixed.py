@@ -749,6 +749,7 @@ SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=
         (lambda: curve(groups={"day": ["a", "b"]}), ValueError, "day must have 3 labels, one a row: got 2"),
         (lambda: curve(groups=3), TypeError, "groups must be a mapping"),
         (lambda: curve(groups={"a,b": "x"}), ValueError, "name of a group must be of letters"),
+        (lambda: curve(groups={"force": "x"}), ValueError, "name of a group must not be that of a column: got 'force'"),
         (lambda: curve(specimen=["a", None, "b"]), ValueError, "row 2, specimen: every row needs a label"),
         (lambda: burrlab.fit(curve(specimen="a"), groups=["day"]), ValueError, "groups may be of specimen: got 'day'"),
         (lambda: burrlab.fit([curve(specimen="a"), curve()]), ValueError, "data set 2 has no specimen, which others have"),

@@ -301,6 +301,7 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
         (MGRID + "ElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
         (MGRID + "ElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
         (MGRID + "ElementSpacing = 1 1\n", "ElementSpacing must hold 3 numbers, got 2"),
+        (MGRID + SPACING + "Origin = 1 2 3\nOffset = 1 2 4\n", "Offset, Origin of the MetaImage header must agree"),
         (MGRID + SPACING + "Offset = nan 0 0\n", "origin must be three finite numbers"),
         (MGRID + SPACING + "TransformMatrix = 1 0 0 0.5 1 0 0 0 1\n", "not orthonormal"),
         (MGRID + SPACING + "TransformMatrix = 1 0 0 1\n", "TransformMatrix must hold 9 numbers, got 4"),

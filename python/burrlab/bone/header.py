@@ -468,7 +468,12 @@ def meta_header(name: str) -> tuple[Header, Storage]:
         matrix = np.eye(n).ravel()
     for key, quantities, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
         refuse(len(quantities) != count, f"{name}: {key} must hold {count} numbers, got {len(quantities)}")
-    origin = numbers([], "Offset", "Position", "Origin")
+    origins = ("Offset", "Position", "Origin")
+    origin = numbers([], *origins)
+    refuse(
+        len({tuple(numbers([], key)) for key in origins if key in fields}) > 1,
+        f"{name}: {', '.join(key for key in origins if key in fields)} of the MetaImage header must agree",
+    )
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)

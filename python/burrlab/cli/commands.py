@@ -72,10 +72,14 @@ def _numbers(text: str) -> list[float]:
     return [float(f) for f in np.linspace(positive(parts[0]), positive(parts[1]), count(parts[2]))]
 
 
+@parsed_by
 def _counts(text: str) -> list[int]:
     """FIRST:LAST, or N,N,..."""
     first, colon, last = text.partition(":")
-    return list(range(count(first), count(last) + 1)) if colon else [count(part) for part in text.split(",")]
+    if not colon:
+        return [count(part) for part in text.split(",")]
+    refuse(count(last) < count(first), f"must be FIRST:LAST, the smaller number first, got '{text}'")
+    return list(range(count(first), count(last) + 1))
 
 
 KINDS = {"file": "VelocityCurve", "indentation": "Indentation", "trace": "DepthTrace"}

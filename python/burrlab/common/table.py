@@ -334,12 +334,16 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint:
     return name, decoded(name, content, encoding, hint)
 
 
+#: What a spreadsheet writes for no value, such as #N/A or #DIV/0!: it begins a row, and no comment.
+ERROR_VALUE = re.compile(r"#[A-ZÀ-Ý][A-ZÀ-Ý0-9/]*[!?]?(?=[,;\t|]|$)")
+
+
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
     """Lines of the table with their numbers from 1; `comments` gets the `# key: value` lines above."""
     in_head = True
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         line = line.strip()
-        if line.startswith("#"):
+        if line.startswith("#") and not ERROR_VALUE.match(line):
             key, colon, value = line[1:].partition(":")
             if in_head and colon:
                 comments[key.strip()] = value.strip()
@@ -533,6 +537,11 @@ class TableData(Tabular):
             refuse(
                 not re.fullmatch(r"\w+( \w+)*", str(name)),
                 f"the name of a group must be of letters, digits and single blanks: got {name!r}",
+            )
+            refuse(
+                str(name)
+                in {text for column in self._TABLE.columns for text in (column.name, column.heading)},
+                f"the name of a group must not be that of a column: got {name!r}",
             )
             texts = [_label(label) for label in (column if np.ndim(column) else [column] * self._n_labels)]
             refuse(

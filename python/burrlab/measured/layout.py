@@ -14,6 +14,7 @@ import numpy as np
 
 from burrlab.common.check import refuse, shown
 from burrlab.common.table import (
+    ERROR_VALUE,
     Column,
     Path,
     Table,
@@ -315,7 +316,7 @@ class TableLayout:
             where = f"{name}, {kind} {number}"
             if not any(fields):
                 continue
-            if fields[0][:1] in ("#", "%"):
+            if fields[0][:1] in ("#", "%") and not (ERROR_VALUE.match(fields[0]) and any(fields[1:])):
                 self.skipped["comments"] += 1
             elif list(map(_key, fields)) == keys[: len(fields)]:
                 self.skipped["repeated headings"] += 1

@@ -556,7 +556,19 @@ class TestWhatIsSaid:
             2 * 1.01 * plain.evidence.scatters[0].value / 48**0.5, rel=0.2
         )
         assert np.isnan(low[1])
-        refused((lambda: fit.velocity_interval(1.0, new="bone"), "new must be one of run, day: got 'bone'"))
+        absolute = burrlab.fit(curve, groups=(), residuals="absolute")
+        assert absolute.velocity_interval(1.5)[1] / plain.velocity_interval(1.5)[1] == pytest.approx(1.0, abs=0.05)
+        refused(
+            (lambda: fit.velocity_interval(1.0, new="bone"), "new must be one of run, day: got 'bone'"),
+            (lambda: absolute.velocity_interval(1.0, new="run"), "of a single run needs relative residuals"),
+        )
+
+    def test_the_band_of_a_new_specimen_has_no_step(self):
+        """Its c_e varies, and with it where windows begin at static contact: there the local exponent jumps by 8 %."""
+        fit = burrlab.fit(laboratory(3, 6, of_c_e=0.1, group="specimen"))
+        kink = 6.0**-1.5 * fit.c_e * 3.0**2
+        low, high = fit.velocity_interval(kink * np.array([0.98, 0.999, 1.001, 1.02]), new="specimen")
+        assert np.ptp(np.log(high / low)) < 0.03 * np.log(high / low)[0]
 
     def test_a_new_day_limits_what_more_runs_tell(self):
         """The runs of one new day narrow the region less than those of a fit without days, and 100 hardly more than 20."""

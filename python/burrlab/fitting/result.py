@@ -289,12 +289,13 @@ class Fit(FitRecord, Tabulated):
         Raises
         ------
         ValueError
-            As `velocity`; if the fit gave nothing, has absolute residuals, or knows no such group.
+            As `velocity`; if the fit gave nothing or knows no such group; for a single run if residuals are not relative.
 
         Notes
         -----
         ln v is linear in log c_e and log alpha near the fit, and its standard error that of the fit along the gradient
-        (-n, 1), n the local exponent of v ~ F^n; a new group adds its variances. The limit is Student's t.
+        (-n, 1), n the exponent of v ~ F^n over a standard deviation of ln c_e to either side, as far as there are
+        windows; a new group adds its variances. The limit is Student's t.
         """
         evidence, calibration = self._evidence(), self._evidence().calibration
         groups = {effect.group for effect in self.effects if effect.interval is not None}
@@ -303,19 +304,29 @@ class Fit(FitRecord, Tabulated):
             f"new must be one of {', '.join(['run', *sorted(groups)])}: got {new!r}",
         )
         refuse(
-            self.residual_kind not in ("relative", "student"),
-            "an interval of the velocity needs relative residuals",
+            new == "run" and self.residual_kind not in ("relative", "student"),
+            "the interval of a single run needs relative residuals",
         )
         v, R = np.atleast_1d(self.velocity(force, radius=radius)), self.radius if radius is None else radius
         assert R is not None
-        phi = self.law.master_phi(np.atleast_1d(np.asarray(force, np.float64)) / (self.c_e * R**2))
-        half = np.full(v.shape, np.nan)
+        F, half = np.atleast_1d(np.asarray(force, np.float64)), np.full(v.shape, np.nan)
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
+        of_c_e = [x.deviation or 0.0 for x in estimated if x.quantity == "c_e" and new in ("run", x.group)]
+        spread = min(
+            float(np.sqrt(calibration.variance(np.array([1.0, 0.0]))[0] + np.dot(of_c_e, of_c_e))), 0.5
+        )
+        softer, stiffer = (
+            self.law.velocity(F, self.c_e * np.exp(sign * spread), self.alpha, R) for sign in (-1, 1)
+        )
+        exponents = np.log(softer / stiffer) / (2 * spread)
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
-                n = self.law.stretch * float(MasterCurve(self.shape).local_slope(phi[i]))
+                n = float(exponents[i])
+                if np.isnan(n):
+                    phi = self.law.master_phi(F[i] / (self.c_e * R**2))
+                    n = self.law.stretch * float(MasterCurve(self.shape).local_slope(phi))
                 direction = np.array([-n, 1.0])
                 weights = [
                     *(float(new == "run" and x.name == "velocity") for x in scatters),

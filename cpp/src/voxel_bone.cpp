@@ -17,6 +17,8 @@ static Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& orig
     if (shape[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape[axis]));
     require_positive("spacing", spacing[axis]);
     require_finite("origin", origin[axis]);
+    if (spacing[axis] < 1e-6 || spacing[axis] > 1e6) refuse("spacing", "1e-6 to 1e6 mm", spacing[axis]);
+    if (std::abs(origin[axis]) > 1e9) refuse("origin", "within 1e9 mm", origin[axis]);
   }
   const double columns = double(shape[0]) * double((shape[1] + 7) / 8) * double(shape[2]);
   if (columns >= 4294967296.0) refuse("voxels / 8 of the volume", "below 2^32", columns);

@@ -101,6 +101,8 @@ def of_type(kind: str, value: float = 1) -> np.ndarray:
           for spacing, got in ((0.0, "0"), (-0.1, "-0.1"), (np.nan, "nan"), (np.inf, "inf"), ((0.1, 0.0, 0.1), "0"),
                                ((0.1, 0.1, -2), "-2"))),
         (partial(VoxelBone, SOLID, 0.1, (0, np.nan, 0)), "origin must be finite, got nan"),
+        (partial(VoxelBone, SOLID, 1e300), r"spacing must be 1e-6 to 1e6 mm, got 1e\+300"),
+        (partial(VoxelBone, SOLID, 0.1, (0, 1e12, 0)), r"origin must be within 1e9 mm, got 1e\+12"),
         (partial(VoxelBone.block, (1, 0, 1), 0.1), "size must be positive and finite, got 0"),
         (partial(VoxelBone.block, (1, 1, 1), (0.1, 0.1, -2)), r"spacing must be positive and finite, got -2$"),
         (partial(VoxelBone.block, (1, 1, 1), 0.1, level=256), "level must be 0 to 255, got 256"),

@@ -205,6 +205,14 @@ class TestOffsets:
         assert change("radius", 0.03)[0] / np.log(1.01) == pytest.approx(-2.45, abs=0.01)
         assert change("force", 0.003)[:8] == pytest.approx(change("force", -0.003)[:8] * -1, rel=0.02)
 
+    def test_an_interval_that_begins_below_the_nominal_bound_of_a_window(self):
+        """With a surface not quite known the bound is not hard: c_e from 1.68 on is told apart, at a bound of 1.73."""
+        curve = burrlab.synthetic_curve(burrlab.Burr(3.0), BONE, [0.3, 0.6, 1.2, 2.4, 3.0], repeats=6, seed=3)
+        fit = burrlab.fit(curve, uncertain={"surface": 0.05})
+        assert fit.intervals["c_e"]["95"].lower < fit.observations.c_e_bounds().max()
+        assert fit.verdict.startswith("c_e and alpha are separately identified")
+        assert fit.separately_identified
+
     @pytest.mark.parametrize(("offset", "deviation"), [("force", 0.02), ("surface", 0.05), ("radius", 0.06)])
     def test_likelihood_is_that_of_an_average_over_the_offset(self, offset, deviation):
         """-2 log L rises as the average of the plain one over 400 values of the offset does, within 10 %."""
@@ -557,7 +565,9 @@ class TestWhatIsSaid:
         )
         assert np.isnan(low[1])
         absolute = burrlab.fit(curve, groups=(), residuals="absolute")
-        assert absolute.velocity_interval(1.5)[1] / plain.velocity_interval(1.5)[1] == pytest.approx(1.0, abs=0.05)
+        assert absolute.velocity_interval(1.5)[1] / plain.velocity_interval(1.5)[1] == pytest.approx(
+            1.0, abs=0.05
+        )
         refused(
             (lambda: fit.velocity_interval(1.0, new="bone"), "new must be one of run, day: got 'bone'"),
             (lambda: absolute.velocity_interval(1.0, new="run"), "of a single run needs relative residuals"),

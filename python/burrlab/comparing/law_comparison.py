@@ -141,7 +141,7 @@ class LawRow:
         if fit.separately_identified:
             return f"c_e = {fit.c_e:.4g} N/mm^2, alpha = {fit.alpha:.4g} /ms"
         combination = f"alpha/c_e^{identified.exponent:.4g} = {identified.value:.3g}"
-        if ends.closed and not at_windows(ends, float(fit.observations.c_e_bounds().max())):
+        if ends.closed and not at_windows(ends, fit._window_bound):
             return f"c_e {span(ends)} N/mm^2; {combination}"
         low = fit.c_e if ends.lower is None else ends.lower
         return f"c_e above {low:.3g}, set by the largest force; {combination}"

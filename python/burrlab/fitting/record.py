@@ -111,7 +111,12 @@ class FitRecord(InJson):
         if self.evidence is None:
             return "nothing was fitted"
         status = self.evidence.doubt[0] if self.evidence.doubt else self.status
-        return obstacle(self.intervals["c_e"]["95"], float(self.observations.c_e_bounds().max()), status)
+        return obstacle(self.intervals["c_e"]["95"], self._window_bound, status)
+
+    @property
+    def _window_bound(self) -> float:
+        """The bound of c_e that windows set [N/mm^2], as far as offsets and specimens of their own leave it."""
+        return float(self.likelihood.observations.c_e_bounds().max())
 
     @property
     def verdict(self) -> str:

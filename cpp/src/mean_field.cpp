@@ -129,6 +129,7 @@ MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
   const StandardEnvironment environment;
   require_positive("phi", phi);
   require_positive("resolution", resolution);
+  if (resolution > 64.0) refuse("resolution", "at most 64", resolution);  // a descent then takes seconds
   if (!(stop > 0.0 && stop <= 1.0)) refuse("stop", "in (0, 1]", stop);
   // Eq. 3: u = phi^(2/3), and H = u on untouched bone. The descent knows the force by u alone, so that of a
   // force exponent q is this one at phi = (F/(c_e R^2))^(3/(2q)), and a rate exponent m only makes alpha

@@ -210,6 +210,7 @@ DESCENT = mean_field_descent(BURR, BONE, 1.0)
             "stop must be above 0 and at most R = 3 mm")
           for s in (0.0, 3.1, math.nan)),
         (lambda: mean_field_descent(BURR, BONE, 1.0, resolution=0), "resolution must be positive"),
+        (lambda: mean_field_descent(BURR, BONE, 1.0, resolution=65), "resolution must be at most 64, got 65"),
         (lambda: mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0),
          "alpha of the material must be positive"),
         (lambda: mean_field_descent(BURR, BONE, 1e-5), "at most 200000"),

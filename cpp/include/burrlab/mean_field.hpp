@@ -20,7 +20,7 @@ struct MeanFieldDescent {
 };
 
 /// The descent from static contact, H = phi^(2/3), to H = stop <= 1. The steps follow the thickness of the
-/// eroding layer. `resolution` multiplies their number; the error falls with its square.
+/// eroding layer. `resolution`, at most 64, multiplies their number; the error falls with its square.
 BURRLAB_API MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
                                                 double resolution = 1.0);
 

@@ -16,7 +16,7 @@ from burrlab import Indentation, VelocityCurve
 from burrlab.comparing.paired import ERROR
 from burrlab.fitting.calibration import _freedom_of_sum
 from burrlab.fitting.likelihood import MeanFieldModel
-from burrlab.fitting.linear import LinearModel, components_of
+from burrlab.fitting.linear import LinearModel, Slopes, components_of
 from burrlab.fitting.mixed import _size
 from burrlab.fitting.profile import C_E
 
@@ -572,6 +572,25 @@ class TestWhatIsSaid:
             (lambda: fit.velocity_interval(1.0, new="bone"), "new must be one of run, day: got 'bone'"),
             (lambda: absolute.velocity_interval(1.0, new="run"), "of a single run needs relative residuals"),
         )
+
+    def test_the_interval_of_a_new_run_is_never_narrower_than_that_of_the_mean(self):
+        """In few runs of many specimens it has more degrees of freedom, which made it narrower."""
+        force = [0.135, 0.135, 0.07, 0.07, 0.098, 0.188, 0.188, 0.135, 0.07, 0.098, 0.098, 0.188]
+        velocity = [0.652, 0.487, 0.082, 0.11, 0.192, 0.961, 1.408, 0.424, 0.0542, 0.171, 0.208, 1.025]
+        fit = burrlab.fit(
+            burrlab.VelocityCurve(force, velocity, radius=1.5, specimen=[5, 4, 1, 0, 0, 5, 5, 1, 2, 1, 0, 5])
+        )
+        mean, run = (
+            np.divide(*fit.velocity_interval(np.geomspace(0.07, 0.188, 5), new=new)) for new in ("", "run")
+        )
+        assert (run <= mean).all()
+
+    def test_a_load_cell_that_is_off_by_much_of_a_soft_specimens_force(self):
+        """The steps of its derivative, taken in the population's force, would be below 0 N there."""
+        likelihood = burrlab.fit(laboratory(1, 6, of_c_e=0.1, group="specimen"), groups=()).likelihood
+        soft = likelihood.observations.moved("c_e", -2.0, -2.0)
+        (rows,) = Slopes(likelihood.of_rows(soft), "force", likelihood.linear_rows(2.0, 0.1), 1.0).beside[1:]
+        assert (rows.observations.force > 0.0).all()
 
     def test_the_band_of_a_new_specimen_has_no_step(self):
         """Its c_e varies, and with it where windows begin at static contact: there the local exponent jumps by 8 %."""

@@ -258,14 +258,19 @@ class Slopes:
         # over one standard deviation, so that a kink counts as much as the offset meets it
         unit = STEP * o.radius.max()
         windows = unit * max(1.0, float(np.round(deviation / unit)))
+        # as measured, not over c_e of their own
+        force, depth = (
+            o.force * np.exp(o.log_c_e),
+            o.pressed_depth * np.exp(-o.pressed_log_c_e / o.force_exponent),
+        )
         steps: dict[str, tuple[Floats, Floats]] = {
             "force": (
-                np.clip(deviation, _PART * o.force, _WIDE * o.force),
+                np.clip(deviation, _PART * force, _WIDE * force),
                 np.clip(deviation, _PART * o.pressed, _WIDE * o.pressed),
             ),
             "surface": (
                 np.full(len(o.force), windows),
-                np.clip(deviation, _PART * o.pressed_depth, _WIDE * o.pressed_depth),
+                np.clip(deviation, _PART * depth, _WIDE * depth),
             ),
             "radius": (np.full(len(o.force), windows), np.full(len(o.pressed), windows)),
         }

@@ -332,12 +332,14 @@ class Fit(FitRecord, Tabulated):
                     *(float(new == "run" and x.name == "velocity") for x in scatters),
                     *((n**2 if x.quantity == "c_e" else 1.0) * (new in ("run", x.group)) for x in estimated),
                 ]
-                added = float(np.dot(weights, variances))
                 variance, nu = calibration.variance(direction)
-                if isinstance(calibration, MixedCalibration):
-                    nu = calibration.freedom(direction, np.array(weights), added)
-                t = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2)
-                half[i] = t * np.sqrt(variance + added)
+                # with more degrees of freedom that of a new run could be narrower than that of the mean
+                for part in (0.0, 1.0):
+                    added = part * float(np.dot(weights, variances))
+                    if isinstance(calibration, MixedCalibration):
+                        nu = calibration.freedom(direction, part * np.array(weights), added)
+                    t = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2)
+                    half[i] = np.fmax(half[i], t * np.sqrt(variance + added))
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
         return low, high
 

@@ -680,6 +680,29 @@ def pair_of_sets(seed, n, *, ratio=1.0, varies=0.0, force=0.0):
 class TestPairs:
     """Sets on the same days, or with the same load cell: what they share cancels."""
 
+    def test_of_specimens_where_one_set_leaves_c_e_open(self):
+        """Either order has one p: no variance below 0 takes up what c_e of the specimens does to one set alone."""
+        random, fits = np.random.default_rng(18), []
+        c_e, alpha = (
+            BONE.c_e * np.exp(0.1 * random.normal(size=4)),
+            BONE.alpha * np.exp(0.1 * random.normal(size=4)),
+        )
+        for forces in (np.geomspace(0.3, 2.2, 6), np.geomspace(0.3, 0.7, 7)):
+            bones = [burrlab.Material("bone", c_e=x, alpha=y) for x, y in zip(c_e, alpha, strict=True)]
+            v = np.concatenate([burrlab.penetration_velocity(BURR, bone, forces) for bone in bones])
+            v = v * np.exp(0.05 * random.normal(size=len(v)))
+            specimen = np.repeat(np.arange(4), len(forces))
+            fits.append(burrlab.fit(VelocityCurve(np.tile(forces, 4), v, radius=3.0, specimen=specimen)))
+        p, q = (burrlab.compare(*pair).pairs[0].joint for pair in (fits, fits[::-1]))
+        assert [x.intervals["c_e"]["95"].closed for x in fits] == [True, False]
+        assert (p.p_value, p.freedom[1]) == pytest.approx((q.p_value, q.freedom[1]), rel=1e-3)
+        assert p.freedom[1] < 6
+
+    def test_of_a_set_with_itself(self):
+        fit = burrlab.fit(pair_of_sets(1, 4)[0])
+        (pair,) = burrlab.compare(fit, fit).pairs
+        assert (pair.differ, pair.ratios["alpha"].value) == (False, pytest.approx(1.0))
+
     def test_of_days(self):
         first, second = (burrlab.fit(x) for x in pair_of_sets(1, 4, ratio=0.9))
         (pair,) = burrlab.compare(first, second).pairs

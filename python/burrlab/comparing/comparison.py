@@ -576,9 +576,9 @@ class _LogRatio:
 
 
 def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
-    """The ratio that a difference of logarithms is; an end that is not finite is open."""
-    lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in difference.ends(level))
-    return Ratio(float(np.exp(difference.value)), Interval(lower, upper))
+    """The ratio that a difference of logarithms is; an end beyond all numbers is open."""
+    lower, upper = (float(np.exp(end)) if abs(end) < ENDLESS else None for end in difference.ends(level))
+    return Ratio(float(np.exp(np.clip(difference.value, -ENDLESS, ENDLESS))), Interval(lower, upper))
 
 
 def _ratios(a: _Side, b: _Side, pair: Paired | None, exponent: float, level: float) -> dict[str, Ratio]:

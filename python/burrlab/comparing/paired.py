@@ -64,10 +64,10 @@ class Paired:
         pairing = [name for name in levels[0] if len(levels[0][name] & levels[1].get(name, set())) > 1]
         if not (pairing or shared) or not {a.residual_kind, b.residual_kind} <= {"relative", "sigma"}:
             return None
-        one_c_e = not all(x.intervals["c_e"]["95"].closed for x in (a, b))
-        points = [(x.c_e, x.alpha) for x in (a, b)]
-        fitted = _fitted_jointly((a.likelihood, b.likelihood), points, shared, one_c_e)
-        return cls(" and ".join(pairing), one_c_e, *fitted)
+        closed = [x.intervals["c_e"]["95"].closed for x in (a, b)]
+        points, alike = [(x.c_e, x.alpha) for x in (a, b)], closed[0] is closed[1]
+        fitted = _fitted_jointly((a.likelihood, b.likelihood), points, shared, not all(closed), alike)
+        return cls(" and ".join(pairing), not all(closed), *fitted)
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
@@ -106,15 +106,18 @@ class JointModel(RowProducts):
         Offsets that both have in common.
     one_c_e : bool
         Whether c_e is common to both: columns c_e, alpha, alpha'.
+    alike : bool
+        Whether both leave c_e open, or neither does. Otherwise effects of specimens act on the two in unlike ways, and
+        a variance of the pairs' difference below 0 would take up what these do.
     """
 
     def __init__(
         self, likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str],
-        one_c_e: bool = False,
+        one_c_e: bool = False, alike: bool = True,
     ) -> None:  # fmt: skip
         self.n_fixed = 3 if one_c_e else 4
         plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
-        common = _effects_of_groups([x.observations for x in plain])
+        common = _effects_of_groups([x.observations for x in plain], alike)
         offsets = [_offsets(likelihood) for likelihood in likelihoods]
         common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
         models = []  # of each side: the common effects, its own, J and r
@@ -158,7 +161,7 @@ def _embedded(models: Sequence[LinearModel], n_common: int, one_c_e: bool) -> li
 _Both: TypeAlias = tuple[Component, Component]  # one of each side
 
 
-def _effects_of_groups(sides: Sequence[Observations]) -> list[_Both]:
+def _effects_of_groups(sides: Sequence[Observations], alike: bool) -> list[_Both]:
     """Effects of groups that both sides have in common, and of their difference, which varies with one variance."""
     common: list[_Both] = []
     names = [{group.name: group for group in side.groups} for side in sides]
@@ -175,7 +178,7 @@ def _effects_of_groups(sides: Sequence[Observations]) -> list[_Both]:
             apart = tuple(f"{side} {level}" for side in "AB" for level in levels)
             second = Group(name, apart, second.velocity + len(levels), second.pressed + len(levels))
             common.append((
-                Component(replace(first, levels=apart), "alpha", varies=True), Component(second, "alpha", varies=True)
+                Component(replace(first, levels=apart), "alpha", varies=alike), Component(second, "alpha", varies=alike)
             ))  # fmt: skip
     return common
 
@@ -211,6 +214,7 @@ def _fitted_jointly(
     points: Sequence[tuple[float, float]],
     shared: Sequence[str],
     one_c_e: bool,
+    alike: bool,
 ) -> tuple[Floats, MixedCalibration]:
     """Differences of log c_e and log alpha, second less first, of likelihoods that share effects; and their limits."""
     logs = np.log(np.array(points))
@@ -224,18 +228,19 @@ def _fitted_jointly(
         c_e = np.geomspace(max(hard), C_E_RANGE * max(hard), _POINTS)[1:]
         logs[:, 0] = np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))])
     for _ in range(_ROUNDS):
-        model = JointModel(likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, one_c_e)
+        model = JointModel(
+            likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, one_c_e, alike
+        )
         equations = reml(model)
         if one_c_e:  # linear in log alpha: the first step is the last
-            step = np.zeros((2, 2))
-            change = np.diff(logs[:, 1] - equations.solution[-2:])
-        else:
-            step = np.clip(-equations.solution[-4:].reshape(2, 2), -0.5, 0.5)
-            logs = logs + step
-            logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
+            logs[:, 1] -= equations.solution[-2:]
+            break
+        step = np.clip(-equations.solution[-4:].reshape(2, 2), -0.5, 0.5)
+        logs = logs + step
+        logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
         if np.abs(step).max() < 1e-6:
             break
-    return np.array([0.0, change[0]]) if one_c_e else logs[1] - logs[0], difference_of(equations)
+    return logs[1] - logs[0], difference_of(equations)
 
 
 def difference_of(equations: MixedEquations) -> MixedCalibration:

@@ -42,6 +42,7 @@ _REACH = 3.6  # standard deviations of an offset, over which it is differenced a
 _SCORINGS = 30  # of variances, at most
 _CLOSE, _SHORT = 0.05, 1e-8  # relative steps that are taken in any case, and that end the scoring
 _LEAST = 1e-3  # mean square of pairs over that of rows
+_APART = 1e-6  # information on what the rows tell worst over that on what they tell best, at least
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 
 
@@ -341,7 +342,10 @@ class MixedEquations:
 
         In balanced rows the nearest to 0 is the pairs' mean square over that of the rows.
         """
-        eigenvalues = np.linalg.eigvalsh(self.inverse(np.arange(len(self.c) - self.model.n_fixed))[1])
+        try:
+            eigenvalues = np.linalg.eigvalsh(self.inverse(np.arange(len(self.c) - self.model.n_fixed))[1])
+        except np.linalg.LinAlgError:  # a set beside itself: the pairs do not differ at all
+            return False
         return bool((eigenvalues < -_LEAST).sum() == (eigenvalues < 0).sum() == (self.variance < 0).sum())
 
     def criterion(self, restricted: bool = True) -> float:
@@ -478,12 +482,17 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
     for _ in range(_SCORINGS):
         score, at_0 = equations.score(), equations.effect2[estimated] <= at_least[estimated]
         moves = np.append(np.ones(len(free), np.bool_), ~(at_0 & (score[len(free) :] >= 0)))
+        last, sizes = equations, np.append(equations.scatter2[free], equations.effect2[estimated])
         step, information = (
             np.zeros(len(score)),
             np.linalg.pinv(equations.uncertainty().of_variances, rcond=1e-12),
         )
-        step[moves] = -np.linalg.pinv(information[np.ix_(moves, moves)], rcond=1e-12) @ score[moves] / 2
-        last, sizes = equations, np.append(equations.scatter2[free], equations.effect2[estimated])
+        # what the rows cannot tell apart, as c_e and alpha of specimens on a ridge, moves together
+        unit = 1 / np.sqrt(np.maximum(np.diag(information)[moves], 1e-300))
+        scaled = unit[:, None] * information[np.ix_(moves, moves)] * unit
+        step[moves] = (
+            -unit * (np.linalg.pinv(scaled, rcond=_APART, hermitian=True) @ (unit * score[moves])) / 2
+        )
         close = bool(
             (np.abs(step) < _CLOSE * sizes).all()
         )  # on a ridge rounding shakes the criterion by 1e-2

@@ -699,8 +699,8 @@ class TestPairs:
         assert p.freedom[1] < 6
 
     def test_of_a_set_with_itself(self):
-        fit = burrlab.fit(pair_of_sets(1, 4)[0])
-        (pair,) = burrlab.compare(fit, fit).pairs
+        fit = burrlab.fit(pair_of_sets(3, 4)[0], uncertain={"force": 0.02})
+        (pair,) = burrlab.compare(fit, fit, shared=("force",)).pairs
         assert (pair.differ, pair.ratios["alpha"].value) == (False, pytest.approx(1.0))
 
     def test_of_days(self):

@@ -309,24 +309,14 @@ class Fit(FitRecord, Tabulated):
         )
         v, R = np.atleast_1d(self.velocity(force, radius=radius)), self.radius if radius is None else radius
         assert R is not None
-        F, half = np.atleast_1d(np.asarray(force, np.float64)), np.full(v.shape, np.nan)
+        half = np.full(v.shape, np.nan)
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
-        of_c_e = [x.deviation or 0.0 for x in estimated if x.quantity == "c_e" and new in ("run", x.group)]
-        spread = min(
-            float(np.sqrt(calibration.variance(np.array([1.0, 0.0]))[0] + np.dot(of_c_e, of_c_e))), 0.5
-        )
-        softer, stiffer = (
-            self.law.velocity(F, self.c_e * np.exp(sign * spread), self.alpha, R) for sign in (-1, 1)
-        )
-        exponents = np.log(softer / stiffer) / (2 * spread)
+        exponents = self._exponents(np.atleast_1d(np.asarray(force, np.float64)), R, new)
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
                 n = float(exponents[i])
-                if np.isnan(n):
-                    phi = self.law.master_phi(F[i] / (self.c_e * R**2))
-                    n = self.law.stretch * float(MasterCurve(self.shape).local_slope(phi))
                 direction = np.array([-n, 1.0])
                 weights = [
                     *(float(new == "run" and x.name == "velocity") for x in scatters),
@@ -342,6 +332,19 @@ class Fit(FitRecord, Tabulated):
                     half[i] = np.fmax(half[i], t * np.sqrt(variance + added))
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
         return low, high
+
+    def _exponents(self, force: Floats, radius: float, new: str) -> Floats:
+        """n of v ~ F^n within a standard deviation of ln c_e; at c_e where a force leaves an end no window."""
+        groups = [x for x in self.effects if x.interval is not None and new in ("run", x.group)]
+        of_c_e = [x.deviation or 0.0 for x in groups if x.quantity == "c_e"]
+        variance = self._evidence().calibration.variance(np.array([1.0, 0.0]))[0]
+        spread = min(float(np.sqrt(variance + np.dot(of_c_e, of_c_e))), 0.5)
+        softer, stiffer = (
+            self.law.velocity(force, self.c_e * np.exp(sign * spread), self.alpha, radius) for sign in (-1, 1)
+        )
+        phi = self.law.master_phi(force / (self.c_e * radius**2))
+        wide = np.log(softer / stiffer) / (2 * spread)
+        return np.where(np.isnan(wide), self.law.stretch * MasterCurve(self.shape).local_slope(phi), wide)
 
     def report(self, verbose: bool = False) -> str:
         """The fit as aligned text blocks.

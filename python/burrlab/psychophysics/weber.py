@@ -583,20 +583,27 @@ def _regression(
         if len(sessions) == 1:
             return {}, np.zeros((0, 0, 0, 0)), 0, 1.0, 0
         return _regression([replace(row, session="") for row in rows], center, degree, force=force)
-    values, last = np.log([row.fraction for row in rows]), None
-    for _ in range(_STEPS):
-        matrix, weighted = columns * weights[:, None], values * weights
-        coefficients = np.linalg.lstsq(matrix, weighted, rcond=None)[0]
-        fitted = columns @ coefficients
-        if closed.all() or (last is not None and np.abs(fitted - last).max() < _CLOSE):
-            break
-        last = fitted if last is None else last + np.clip(fitted - last, -_STEP, _STEP)
-        for i in np.flatnonzero(~closed):
-            values[i], error = rows[i].about(last[i])
-            weights[i] = 1.0 / error
-    freedom, misfit = max(int(closed.sum()) - matrix.shape[1], 0), (matrix @ coefficients - weighted)[closed]
+    coefficients, matrix, misfit = _solved(rows, columns, weights)
+    freedom = max(int(closed.sum()) - matrix.shape[1], 0)
     variance = max(float(misfit @ misfit) / freedom, _LEAST) if freedom else 1.0
     size, shape = own.shape[1], design.shape[1:]
     covariance = np.linalg.inv(matrix.T @ matrix)[:size, :size].reshape(*shape, *shape) * variance
     lines = dict(zip(subjects, coefficients[:size].reshape(shape), strict=True))
     return lines, covariance, freedom, math.sqrt(variance), len(sessions)
+
+
+def _solved(rows: Sequence[WeberFraction], columns: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Coefficients, weighted columns, and weighted misfits of the rows that are not open."""
+    values, last = np.log([row.fraction for row in rows]), None
+    is_open = {i: row for i, row in enumerate(rows) if row.open}
+    for _ in range(_STEPS):
+        matrix, weighted = columns * weights[:, None], values * weights
+        coefficients = np.asarray(np.linalg.lstsq(matrix, weighted, rcond=None)[0], np.float64)
+        fitted = columns @ coefficients
+        if not is_open or (last is not None and np.abs(fitted - last).max() < _CLOSE):
+            break
+        last = fitted if last is None else last + np.clip(fitted - last, -_STEP, _STEP)
+        for i, row in is_open.items():
+            values[i], error = row.about(float(last[i]))
+            weights[i] = 1.0 / error
+    return coefficients, matrix, np.delete(matrix @ coefficients - weighted, list(is_open))

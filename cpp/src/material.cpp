@@ -22,8 +22,7 @@ Material::Material(std::string name_, double c_e_, double alpha_, Shape shape_, 
       rate_exponent(rate_exponent_) {
   require_positive("c_e", c_e);
   require_not_negative("alpha", alpha);
-  if (c_e > 1e12) refuse("c_e", "at most 1e12 N/mm^2", c_e);  // forces and rates must be finite
-  if (alpha > 1e12) refuse("alpha", "at most 1e12 /ms", alpha);
+  if (c_e > 1e12) refuse("c_e", "at most 1e12 N/mm^2", c_e);  // forces must be finite
   if (!(force_exponent >= 1.0 && force_exponent <= largest_exponent))
     refuse("force_exponent", "1 to 8", force_exponent);
   if (!(rate_exponent >= 0.0 && rate_exponent <= largest_exponent))

@@ -207,7 +207,7 @@ def test_hidden_fraction() -> None:
         (lambda: of_block(9e3, 1e3), "volume of a voxel / 255 must be"),
         (lambda: of_block(9e-4, 1e-4), "volume of a voxel / 255"),
         (
-            lambda: of_block(1, 0.1, origin=(0, 1e17, 0)),
+            lambda: of_block(1, 0.1, origin=(0, 5e8, 0)),
             "distance of the bone's origin from 0 must be at most 1e9 voxels",
         ),
     ],

@@ -101,7 +101,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         "utf-8", [], ["other columns, kept apart: day\n"],
     ),
     "our own headings, a spreadsheet's error value first": (
-        "day,force_N,velocity_mm_s\nMo,0.5,0.0785\n#N/A,1,0.498\n# no row\n#DIV/0!,1.5,1.4982\nTh,2,2.75\n#NV,2.5,3.125\n",
+        "day,force_N,velocity_mm_s\nMo,0.5,0.0785\n#N/A,1,0.498\n# no row\n#DATA\n#NOTE, no row\n#DIV/0!,1.5,1.4982\nTh,2,2.75\n#NV,2.5,3.125\n",
         "utf-8", [], ["other columns, kept apart: day\n"],
     ),
     "the same in another program's file": (

@@ -293,9 +293,8 @@ def test_references_may_be_interleaved(tmp_path, stops):
     made = protocol(tmp_path, text.replace("trials = 10", f"trials = 8\n{options}"))
     together = ("up1", "up2", "up3")
     assert made.units == [("probing",), ("match",), together]
-    assert made.minutes("up1") == pytest.approx(
-        (10 * 2 * (0.2 + 1.0) + 60.0 / 3.0) / 60.0
-    )  # a break for all three
+    # one break for all three
+    assert made.minutes("up1") == pytest.approx((10 * 2 * (0.2 + 1.0) + 60.0 / 3.0) / 60.0)
     assert {made.tasks_of(x).index("up2") - made.tasks_of(x).index("up1") for x in made.subjects} == {1}
     asked, left = [], [*stops, 1000]
 

@@ -334,8 +334,8 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint:
     return name, decoded(name, content, encoding, hint)
 
 
-#: What a spreadsheet writes for no value, such as #N/A or #DIV/0!: it begins a row, and no comment.
-ERROR_VALUE = re.compile(r"#[A-ZÀ-Ý][A-ZÀ-Ý0-9/]*[!?]?(?=[,;\t|]|$)")
+#: What a spreadsheet writes for no value, such as #N/A, #NV or #DIV/0!: it begins a row, and no comment.
+ERROR_VALUE = re.compile(r"#(N/?[ADV]|[¡¿]?[A-ZÀ-Ý/0]+[!?])(?=[,;\t|]|$)")
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:

@@ -289,7 +289,8 @@ class Fit(FitRecord, Tabulated):
         Raises
         ------
         ValueError
-            As `velocity`; if the fit gave nothing or knows no such group; for a single run if residuals are not relative.
+            As `velocity`; if the fit gave nothing or knows no such group; for a single run, if residuals are not
+            relative.
 
         Notes
         -----

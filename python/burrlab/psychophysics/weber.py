@@ -56,11 +56,8 @@ PUBLISHED_EXPONENTS = {"c_e": 2.0, "alpha": 3.0}
 _LEAST = 1e-20  # least variance about the lines, so that exact ones have weights
 _BEYOND = 4.0  # factor by which a threshold may lie beyond the levels
 _NOTHING = 1e3  # error of ln W that says nothing
-_STEPS, _STEP, _CLOSE = (
-    100,
-    2.0,
-    1e-9,
-)  # most steps to the lines; the longest, and one that ends them, of ln W
+_STEPS = 100  # to the lines, at most
+_STEP, _CLOSE = 2.0, 1e-9  # the longest, and one that ends them, of ln W
 
 
 @dataclass(frozen=True)
@@ -484,6 +481,8 @@ class SensitivityFunction(Tabular):
             )
             drawn = np.exp(-line[0] - line[1] * np.log(drawn_at / self.center))
             ax.plot(drawn_at, drawn, **look, label="subjects" if i == 0 else None)
+        if any(row.open for row in self.fractions):
+            ax.plot([], [], "v", mfc="none", ms=4, **look, label="may lie beyond the levels")
         references = [row.reference for row in self.fractions]
         span = np.geomspace(min(references), max(references), 200)
         w, low, high = np.array([self.fraction_at(float(p0)) for p0 in span]).T

@@ -236,6 +236,15 @@ def test_from_the_file_to_the_function(tmp_path):
     published = "published exponent 2, definition\nunknown: four readings through the middle"
     assert published in axes.get_legend_handles_labels()[1]
     assert published not in function.plot(published=False).get_legend_handles_labels()[1]
+    beside = [replace(x, name=x.name.replace("up", "other"), design=x.design | {"reference": x.design["reference"] | {"alpha_per_ms": 1.0}})
+              for x in analysis.tasks if x.name.startswith("up")]  # fmt: skip
+    pair = replace(
+        analysis, tasks=(*analysis.tasks, *beside)
+    ).sensitivity_functions()  # around another material
+    assert [x.name.split(", ")[1] for x in pair] == ["up", "other"]
+    alone = SensitivityFunction.of([row for row in function.fractions if row.subject == "01"])
+    assert "p = " not in str(alone)
+    assert "inf" not in str(alone)
     tasks = [replace(task, subjects=tuple(replace(x, levels=((1.5, 20, 20),), clipped=()) for x in task.subjects))
              for task in analysis.tasks if task.design.get("parameter")]  # fmt: skip
     assert (
@@ -354,9 +363,10 @@ def test_a_reference_may_have_trials_of_its_own(tmp_path):
     tasks = made([20, 10, 20])
     assert [tasks[f"up{i}"].trials for i in (1, 2, 3)] == [20, 10, 20]
     assert tasks["up2"].to_dict() == made(10)["up2"].to_dict()
-    each = "trials must be a whole number, or one for each of references"
+    each = "trials must be a whole number from 0 to 10000, or one for each of references"
     refused(
         (lambda: made([20, 10]), each),
+        (lambda: made([20, 10, 20000]), each),
         (lambda: made([20, 10, 0.5]), each),
         (lambda: made([20, 0, 20]), "trials must be at least 1, got 0"),
     )
@@ -392,9 +402,14 @@ def test_what_a_device_could_not_render():
     """Trials whose force was clipped are out of the Weber fraction, not out of the levels."""
     levels, clipped = ((1.2, 9, 12), (1.5, 20, 20)), ((1.2, 3, 4), (1.5, 20, 20))
     made = SubjectThreshold(
-        "01", True, 32, 32, levels, 1.2, None, "", None, clipped=clipped, catch=(2.0, 5, 5)
+        "01", True, 32, 32, levels, 1.2, None, "", None, clipped=(*clipped, (2.0, 1, 1)), catch=(2.0, 5, 5)
     )
-    assert made.rendered() == [(1.2, 6, 8), (2.0, 5, 5)]
+    assert made.rendered() == [(1.2, 6, 8), (2.0, 4, 4)]
+    assert replace(made, clipped=((1.2 * (1 + 1e-15), 3, 4),)).rendered()[0] == (
+        1.2,
+        6,
+        8,
+    )  # one level of a staircase
     design = {"parameter": "c_e", "mode": "probing", "reference": {"c_e_N_per_mm2": 2.0}}
     tasks = tuple(
         ThresholdTask(name, design | {"reference": {"c_e_N_per_mm2": p0}}, 0.95, (made,), (), 0, 0, "")
@@ -404,7 +419,7 @@ def test_what_a_device_could_not_render():
     assert function.fractions[0] == WeberFraction.of_levels(
         made.rendered(), subject="01", reference=1.0, session="0"
     )
-    assert "01: limits shortened the force in 24 trials" in "\n".join(group_lines(tasks[0]))
+    assert "01: limits shortened the force in 25 trials" in "\n".join(group_lines(tasks[0]))
 
 
 def test_few_thresholds_that_differ_much_have_an_open_interval():
@@ -413,7 +428,8 @@ def test_few_thresholds_that_differ_much_have_an_open_interval():
     threshold, near, far = task.group_threshold
     assert (near, math.isinf(far)) == (pytest.approx(1.0), True)
     assert math.log(threshold) == pytest.approx(0.2 * math.log(3.0))
-    assert "1.000 to inf" in "\n".join(group_lines(task))
+    assert "1.000 to no end, as the subjects differ much" in "\n".join(group_lines(task))
+    assert task.plot_thresholds().get_xlim()[1] < 20
 
 
 def binomial_limits(held, sets):

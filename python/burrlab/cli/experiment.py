@@ -108,7 +108,7 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
     within = file.relative_to(folder).parts[0] if folder in file.parents else ""
     described = ("participants.tsv", "participants.json", "dataset_description.json", "README", "sourcedata")
     refuse(
-        file == Path(config).resolve() or within.startswith("sub-") or within in described,
+        file.suffix == ".toml" or within.startswith("sub-") or within in described,
         f"--{option}: {path} is of the experiment and is not written to",
     )
 

@@ -28,6 +28,7 @@ from burrlab.common.table import (
     wrapped_lines,
 )
 from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder, reference_of
+from burrlab.psychophysics.designs import PARAMETER_KEYS
 from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
@@ -204,7 +205,7 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
             )
     if (group := task.group_threshold) is not None:
         lines.append(
-            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean "
+            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {_end_text(group[2])} (geometric mean "
             f"of |ln ratio|, by t, the subject as the unit)"
         )
         if any(subject.open for subject in task.subjects):
@@ -212,6 +213,10 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
                 "Some of these thresholds may lie beyond the levels: then that of the group and its interval are wrong."
             )
     return lines
+
+
+def _end_text(end: float) -> str:
+    return f"{end:.3f}" if 0.0 < end < math.inf else "no end, as the subjects differ much"
 
 
 def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
@@ -291,7 +296,8 @@ class Analysis(InJson):
 
         Every threshold is fitted anew to all trials, at 75 % correct, whatever the design; without those that
         the device could not render (`clipped`), which a line of the report counts. Days on which a
-        subject's runs began are sessions. Above and below the references there are functions of their own.
+        subject's runs began are sessions. Above and below the references there are functions of their own. So there
+        are for tasks along different directions, or around materials of different c_e or alpha.
         """
         return tuple(
             SensitivityFunction.of(fractions, parameter, name=name, level=self.tasks[0].level)
@@ -307,14 +313,17 @@ class Analysis(InJson):
                 continue
             parameter, design = task.design["parameter"], task.design
             held = ", sinking speed held" * (design.get("hold") == "sinking speed")
-            held += " below a boundary" * ("boundary_mm" in design)
+            if "boundary_mm" in design:
+                held += " below a boundary at {:g} to {:g} mm".format(*design["boundary_mm"])
+                held += ", the foil in the middle" * (design.get("foil") == "middle")
+            held += _apart(task, self.tasks)
             for subject in task.subjects:
                 days = sorted({run.day for each in self.tasks if isinstance(each, ThresholdTask)
                                for run in each.subjects if run.subject == subject.subject})  # fmt: skip
                 for side in ("above", "below"):
                     levels = [row for row in subject.rendered() if (row[0] > 1.0) == (side == "above")]
                     if levels:
-                        name = f"{parameter} by {design['mode']}{held}, {side} the reference"
+                        name = f"{parameter} by {design['mode']}{held}, {side} the reference{', simulated subjects' * self.simulated}"
                         rows.setdefault((parameter, name), []).append(
                             WeberFraction.of_levels(
                                 levels, subject=subject.subject, reference=reference, session=str(days.index(subject.day)),
@@ -330,9 +339,8 @@ class Analysis(InJson):
             lines += ["", *str(function).splitlines()]
             for other in functions[:i]:
                 if function.lines.keys() & other.lines.keys():
-                    difference = function.difference(other)
                     lines.append(
-                        f"its slope less that of {other.name}: {difference}, p = {p_text(difference.p_value())}"
+                        f"its slope less that of {other.name}: {function.difference(other).against('')}"
                     )
         for (_, name), rows in self._weber_fractions().items():
             if len({row.reference for row in rows}) > 1 and not usable(rows):
@@ -416,6 +424,26 @@ class Analysis(InJson):
                 ]
         parts += [f"<p>{escape(line)}</p>" for line in self._sensitivity_lines() if line]
         return "".join(parts)
+
+
+def _apart(task: ThresholdTask, tasks: Iterable[Task]) -> str:
+    """What tells a task's references from those of like tasks along another direction: the tasks' name."""
+    held = {"c_e": "alpha", "alpha": "c_e"}[task.design["parameter"]]
+    like = [x for x in tasks if isinstance(x, ThresholdTask) and _way(x.design) == _way(task.design)]
+    by_name: dict[str, list[float]] = {}
+    for other in like:
+        by_name.setdefault(other.name.rstrip("0123456789"), []).append(
+            other.design["reference"].get(PARAMETER_KEYS[held], 0.0)
+        )
+    one = len({f"{value:.9g}" for values in by_name.values() for value in values}) == 1
+    several = len(by_name) > 1 and min(map(len, by_name.values())) > 1
+    return f", {task.name.rstrip('0123456789')}" * (several and not one)
+
+
+def _way(design: Mapping[str, Any]) -> tuple[Any, ...]:
+    """How a design varies its parameter, whatever the reference."""
+    keys = ("parameter", "mode", "hold", "boundary_mm", "foil")
+    return tuple(design.get(key) for key in keys)
 
 
 def analyse(

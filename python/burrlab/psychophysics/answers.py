@@ -235,14 +235,28 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCar) -> None:
-    """Raises ValueError if a trial's type contradicts the stimuli in its row."""
+    """Raises ValueError if a trial's type contradicts the stimuli in its row, or its level is not of the design."""
     places = {
         "same-different": {"A": "a", "B": "b"},
         "abx": {"": "reference", "A": "match", "B": "foil"},
         "2ifc": {"R": "reference"} if car.design.get("boundary_mm") is None else {},
     }[car.task]
     names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
-    for line, row in rows if names else ():
+    levels = (
+        {f"{level:.9g}" for level in car.design["levels"]}
+        if car.design["design"] == "constant-stimuli"
+        else None
+    )
+    for line, row in rows:
+        refuse(
+            "parameter" in car.design
+            and (
+                row.level is None
+                or row.level == 1.0
+                or f"{row.level:.9g}" not in (levels or {f"{row.level:.9g}"})
+            ),
+            f"{file}, line {line}, column level: must be one of the design's, got {row.level}",
+        )
         expected = [names.get(letter) for letter in ([""] if "" in names else []) + list(row.trial_type)]
         for place, (stimulus, name) in enumerate(zip(row.stimuli, expected, strict=False), start=1):
             refuse(
@@ -274,6 +288,8 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     """
     runs: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
+        if not side_car_path(path).exists() and path.read_bytes().count(b"\n") < 2:
+            continue  # killed while its files were made: nobody was asked
         answers, label = read_answers(path), path.parents[1].name
         refuse(
             label != f"sub-{answers.subject}",

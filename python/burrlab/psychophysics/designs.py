@@ -565,6 +565,10 @@ class ComparisonDesign(TaskDesign):
         assert self.reference.material is not None
         return self.reference.material
 
+    @abstractmethod
+    def extremes(self) -> Sequence[float]:
+        """Levels, among them the farthest from 1 on either side."""
+
     @property
     def _asks_speed(self) -> bool:
         return self.mode == "drilling" and self.hold == "other"
@@ -606,17 +610,19 @@ class ComparisonDesign(TaskDesign):
         Raises
         ------
         ValueError
-            If there are fewer than two factors, two are equal, one is not above 0, or the direction is not of
-            two numbers that move the parameter.
+            If there are fewer than two factors, two are equal, one is not from 1e-6 to 1e6, or the direction is not
+            of two numbers from -10 to 10 that move the parameter.
         """
         refuse(
-            len(set(factors)) != len(factors) or len(factors) < 2 or not min(factors) > 0.0,
-            f"references must be two or more different factors above 0, got {list(factors)}",
+            len(set(factors)) != len(factors)
+            or len(factors) < 2
+            or not 1e-6 <= min(factors) <= max(factors) <= 1e6,
+            f"references must be two or more different factors from 1e-6 to 1e6, got {list(factors)}",
         )
         along = [float(self.parameter == name) for name in UNITS] if direction is None else list(direction)
         refuse(
-            len(along) != 2 or along[self.parameter == "alpha"] == 0.0,
-            f"direction must be two numbers, along ln c_e and ln alpha, that move {self.parameter}, got {along}",
+            len(along) != 2 or along[self.parameter == "alpha"] == 0.0 or not max(map(abs, along)) <= 10.0,
+            f"direction must be two numbers from -10 to 10, along ln c_e and ln alpha, that move {self.parameter}, got {along}",
         )
         where = f"{self.parameter} " if direction is None else ""
         for factor in factors:

@@ -545,7 +545,7 @@ class GroupScore:
     sem : float or None
         Standard error of the mean over subjects; None for one subject.
     interval : tuple of float, or None
-        t interval (low, high) of the mean, cut at the ends of the scale.
+        t interval (low, high) of the mean, cut at the ends of the scale; None for one subject, or equal scores.
     level : float
     tests : tuple of SubjectTest
         One-sided, above chance: t, and exact sign-flip.
@@ -604,7 +604,7 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     scores = np.array([c.score / c.trials for c in counts]) * scale
     above, mean = np.array([c.score - 0.5 * c.trials for c in counts]), float(np.mean(scores))
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
-    interval = None if sem is None else _mean_interval(mean, sem, len(counts), scale, level)
+    interval = _mean_interval(mean, sem, len(counts), scale, level) if sem else None
     tests = (t_test(above if trials else scores - 0.5), sign_flip_test(above))
     return GroupScore(len(counts), trials, mean, sem, 0.5 * scale, interval, level, tests)
 

@@ -86,11 +86,7 @@ class Block:
         """The untouched bone, of two tissues with a boundary, for a session."""
         if boundary is None:
             return StartingBone(self.fresh(), source=self.recipe())
-        tissues = [
-            Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha, assumed=False)
-            for name, label, material in (("above", 1, above), ("below", 2, boundary.below))
-        ]
-        layers = LayeredRecipe(self._made, -boundary.depth, Tissues(tissues, above))
+        layers = LayeredRecipe(self._made, -boundary.depth, tissues_of(above, boundary.below))
         notes = {key: value for key, value in self.recipe().items() if key == "notes"}
         return StartingBone(layers.of_whole(self.fresh()), source=notes | layers.plain())
 
@@ -110,6 +106,14 @@ class Block:
             f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got "
             f"{2 * burr.radius:g}",
         )
+
+
+def tissues_of(above: Material, below: Material) -> Tissues:
+    """The tissues of a block with a boundary; ValueError for constants that no tissue has."""
+    both = (("above", 1, above), ("below", 2, below))
+    return Tissues(
+        [Tissue(name, label=label, c_e=x.c_e, alpha=x.alpha, assumed=False) for name, label, x in both], above
+    )
 
 
 @dataclass(frozen=True)

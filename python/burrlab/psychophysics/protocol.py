@@ -29,8 +29,9 @@ from burrlab.psychophysics.designs import (
     TaskDesign,
     counterbalanced,
     key_of,
+    rendered,
 )
-from burrlab.psychophysics.interval import Block, VolumeBlock
+from burrlab.psychophysics.interval import Block, VolumeBlock, tissues_of
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
@@ -198,12 +199,14 @@ def _at_references(
     direction: Sequence[float] | None,
 ) -> Iterator[TaskDesign]:  # fmt: skip
     """A design for each factor of the reference; the options `apart` are lists, one number for each."""
+    refuse(not factors, "references must be two or more different factors, got none")
     for place in range(len(factors)):
         for name in apart:
             numbers = options[name]
             refuse(
-                len(numbers) != len(factors) or not numbers[place].is_integer(),
-                f"{name} must be a whole number, or one for each of references, got {numbers}",
+                len(numbers) != len(factors)
+                or not (numbers[place].is_integer() and 0 <= numbers[place] <= _MOST),
+                f"{name} must be a whole number from 0 to {_MOST}, or one for each of references, got {numbers}",
             )
         design = kind(**{**options, **{name: int(options[name][place]) for name in apart}})
         yield list(design.around(factors, direction))[place]
@@ -549,11 +552,21 @@ class Protocol:
         experiment.done()
         file.done()
         for task, design in protocol.tasks.items():
-            if isinstance(design, ComparisonDesign) and design.boundary is not None:
-                file.refuse(
-                    design.boundary[1] >= bone.size[2],
-                    f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
-                )
+            if not isinstance(design, ComparisonDesign):
+                continue
+            depths = design.boundary or (0.0, 0.0)
+            file.refuse(
+                depths[1] >= bone.size[2],
+                f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
+            )
+            for level in design.extremes():  # a level that no bone has would end the run in its trial
+                try:
+                    below = rendered("the comparison", design.comparison(level))
+                    tissues_of(
+                        rendered("the reference", design.reference), below
+                    ) if design.boundary else None
+                except ValueError as error:
+                    raise file.error(f"level {level:g} of task {task} cannot be rendered: {error}") from None
         return protocol
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:

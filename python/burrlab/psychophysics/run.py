@@ -16,7 +16,7 @@ import textwrap
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
@@ -834,7 +834,7 @@ class Sitting:
         )
         runner = Runner(
             self.protocol, task, order, file, seat, experimenter, self._device, live=self._live,
-            render=_rendered_once() if self._once else render,
+            render=_rendered_once(order, seat.stand_in) if self._once else render,
         )  # fmt: skip
         if runner.finished:
             return runner
@@ -889,14 +889,19 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     return lambda mode: opened
 
 
-def _rendered_once() -> Callable[..., Rendered]:
-    """A `render` that renders each material once and then returns the same result again."""
-    rendered: dict[tuple[Any, ...], Rendered] = {}
+def _rendered_once(order: Order, stand_in: Callable[[Interval], Interval]) -> Callable[..., Rendered]:
+    """A `render` that renders each material once and then returns the same result again.
+
+    After a resumption it takes the seed of the interval that was first in the whole run.
+    """
+    rendered: dict[Interval, Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:
-        key = (interval.stimulus, interval.duration, interval.boundary)
+        key = replace(interval, seed=0)
         if key not in rendered:
-            rendered[key] = render(interval, device, **options)
+            before = (stand_in(x) for trial, _ in order.answered for x in trial.intervals)
+            first = next((x for x in before if replace(x, seed=0) == key), interval)
+            rendered[key] = render(first, device, **options)
         return rendered[key]
 
     return once

@@ -222,7 +222,7 @@ class Staircase(Staircased):
     def __post_init__(self) -> None:
         super().__post_init__()
         start = checked_level("start", self.start)
-        limit = start * start if self.limit is None else checked_level("limit", self.limit)
+        limit = checked_level("limit", start * start if self.limit is None else self.limit)
         refuse(
             not math.log(limit) / math.log(start) >= 1.0,
             f"limit must be as far from 1 as start, {start:g}, or farther, got {limit:g}",
@@ -253,6 +253,10 @@ class Staircase(Staircased):
 
     def easy_level(self) -> float:
         return self.start
+
+    def extremes(self) -> Sequence[float]:
+        assert self.limit is not None
+        return (self.limit,)
 
     def track(self) -> "StaircaseTrack":
         return StaircaseTrack(self)
@@ -435,6 +439,9 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         vars(self).update(levels=levels, trials=len(levels) * self.repeats, _types=types)
         refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
 
+    def extremes(self) -> Sequence[float]:
+        return self.levels
+
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
         differences = [abs(math.log(level)) for level in self.levels]
@@ -529,6 +536,9 @@ class AdaptiveStaircase(Staircased):
 
     def easy_level(self) -> float:
         return self.levels[1]
+
+    def extremes(self) -> Sequence[float]:
+        return self.levels
 
     def track(self) -> "AdaptiveTrack":
         return AdaptiveTrack(self)

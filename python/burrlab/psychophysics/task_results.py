@@ -631,6 +631,7 @@ def _has_types(counts: Counts) -> bool:
 
 
 _CLIPPED = 0.01  # share of an interval's ticks in contact
+_FARTHEST = math.log(1e6)  # of a group's interval, as of a level
 
 Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
 
@@ -658,7 +659,8 @@ class SubjectThreshold(OneSubject):
     catch : (float, int, int) or None
         Of the catch trials, as in `levels`; None without.
     clipped : tuple of (float, int, int)
-        Those of `levels` in whose intervals limits shortened the force in more than 1 % of the ticks.
+        Those of `levels` and of the catch trials in whose intervals limits shortened the force in more than 1 % of the
+        ticks.
     pressed : float or None
         Mean force over the intervals of the main phase [N], if the file has forces.
     """
@@ -690,10 +692,14 @@ class SubjectThreshold(OneSubject):
         return x is not None and (x.open_below or x.open_above)
 
     def rendered(self) -> list[tuple[float, int, int]]:
-        """`levels` without what is `clipped`, then the catch trials."""
-        out = {level: (right, trials) for level, right, trials in self.clipped}
-        left = [(x, right - out.get(x, (0, 0))[0], n - out.get(x, (0, 0))[1]) for x, right, n in self.levels]
-        return [row for row in (*left, self.catch) if row is not None and row[2]]
+        """`levels` and the catch trials, by level, without what is `clipped`."""
+        left: dict[str, tuple[float, int, int]] = {}
+        caught = () if self.catch is None else (self.catch,)
+        for rows, sign in (((*self.levels, *caught), 1), (self.clipped, -1)):
+            for level, right, trials in rows:
+                level, right_before, before = left.get(text := f"{level:.9g}", (level, 0, 0))
+                left[text] = level, right_before + sign * right, before + sign * trials
+        return [row for row in left.values() if row[2]]
 
 
 @dataclass(frozen=True)
@@ -722,7 +728,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         """(threshold, lower end, upper end) of the group, with the subject as the unit, or None.
 
         |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
-        thresholds, thresholds on both sides of 1, or all equal. Thresholds that are `open` count as they are.
+        thresholds, thresholds on both sides of 1, or all equal. Thresholds that are `open` count as they are. An end
+        beyond a ratio of 1e6 is none: infinite, or 0 below 1.
         """
         logs = [
             math.log(subject.threshold) for subject in self.subjects if subject.threshold not in (None, 1.0)
@@ -733,7 +740,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         mean, error = float(values.mean()), float(scipy.stats.sem(values))
         wide = float(scipy.stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
         with np.errstate(over="ignore"):  # few subjects who differ much have an open interval
-            threshold, near, far = np.exp(side * np.exp([mean, mean - wide, mean + wide]))
+            far = side * math.inf if np.exp(mean + wide) > _FARTHEST else side * np.exp(mean + wide)
+            threshold, near, far = np.exp([*(side * np.exp([mean, mean - wide])), far])
         return float(threshold), float(near), float(far)
 
     @drawing
@@ -792,8 +800,12 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
             row = len(rows) + 0.4
             names, rows = [*names, "all"], np.append(rows, row)
             ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
-            ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
+            ends = [end for end in group[1:] if 0.0 < end < math.inf]
+            ax.plot(ends, [row] * len(ends), "|-", color=VELOCITY, linewidth=1.2, markersize=5)
             ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
+            if len(ends) < 2:
+                ax.annotate("", (float(group[2] > 1.0), row), (group[0], row), xycoords=ax.get_yaxis_transform(),
+                            textcoords="data", arrowprops={"arrowstyle": "->", "color": VELOCITY, "linewidth": 1.2})  # fmt: skip
         ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
         some = any(interval is not None for *_, interval in thresholds) or group is not None
         ending = f", {100 * self.level:g} % interval" if some else ""
@@ -811,13 +823,22 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
     levels, correct = [row.level or 1.0 for row in rows], [row.correct for row in rows]
     planned, text, threshold, interval = subject.planned, "", None, None
     estimate: Estimate | None
-    if isinstance(design, Staircase):
-        estimate = reversals = design.threshold(levels, correct)
-        # A staircase may end before its last trial.
-        planned, threshold = None if reversals.complete else planned, reversals.level
-    elif isinstance(design, AdaptiveStaircase):
-        estimate = posterior = design.threshold(levels, correct, level=level)
-        threshold, interval = posterior.level, posterior.interval
+    if isinstance(design, Staircase | AdaptiveStaircase):
+        try:
+            estimate = (
+                design.threshold(levels, correct)
+                if isinstance(design, Staircase)
+                else design.threshold(levels, correct, level=level)
+            )
+        except ValueError as error:
+            raise ValueError(
+                f"{subject.answers.source if subject.answers else subject.subject}: {error}"
+            ) from None
+        threshold = estimate.level
+        if isinstance(estimate, PosteriorThreshold):
+            interval = estimate.interval
+        elif estimate.complete:  # a staircase may end before its last trial
+            planned = None
     else:
         estimate, text = fit, text = _fitted(subject, design, level)
         if fit is not None:
@@ -835,7 +856,8 @@ def _beside(answers: Answers | None) -> dict[str, Any]:
     if answers is None:
         return {}
     catch = level_counts(row for row in answers.rows if row.phase == "catch" and not row.lost)
-    clipped = (row for row in answers.main if any((share or 0.0) > _CLIPPED for share in row.clipped))
+    felt = (row for row in answers.rows if row.phase != "practice" and not row.lost)
+    clipped = (row for row in felt if any((share or 0.0) > _CLIPPED for share in row.clipped))
     forces = [force for row in answers.main for force in row.forces if force is not None]
     return {
         "pressed": sum(forces) / len(forces) if forces else None,

@@ -220,6 +220,11 @@ class GroupMean:
             else 1.0
         )
 
+    def against(self, zero: str) -> str:
+        """The mean, what 0 would mean, and the `p_value`; of one subject there is none."""
+        p = f", p = {p_text(self.p_value())}" if self.subjects > 1 else ""
+        return f"{self}{zero and f'; 0 is {zero}'}{p}"
+
     def __str__(self) -> str:
         if self.subjects < 2:
             return f"{self.mean:.2f} +- {self.error:.2f} (one subject: nothing is said of others)"
@@ -399,17 +404,20 @@ class SensitivityFunction(Tabular):
         at = np.array([1.0, math.log(reference / self.center)])
         logarithms = [float(line @ at) for line in self.lines.values()]
         group = GroupMean.of(logarithms, np.einsum("iajb,a,b->ij", self.covariance, at, at), self.confidence)
-        mean, low, high = (math.exp(min(x, 700.0)) for x in (group.mean, *group.interval))
+        with np.errstate(over="ignore"):  # one subject, or few who differ much
+            mean, low, high = np.exp([group.mean, *group.interval]).tolist()
         return mean, low, high
 
     def __str__(self) -> str:
         references = sorted({row.reference for row in self.fractions})
         unit, percent = UNITS[self.parameter], f"{100 * self.confidence:g} %"
-        w = "{:.3f}, {:.3f} to {:.3f}".format(*self.fraction_at(self.center))
+        w = ("{:.3f}, {:.3f} to {:.3f}" if self.slope.subjects > 1 else "{:.3f}").format(
+            *self.fraction_at(self.center)
+        )
         lines = [
             f"{self.name}: {len(references)} references, {references[0]:.3g} to {references[-1]:.3g} {unit}; {percent} "
             "intervals by t, the subject as the unit",
-            f"slope of ln W on ln {self.parameter}: {self.slope}; 0 is Weber's law, p = {p_text(self.slope.p_value())}",
+            f"slope of ln W on ln {self.parameter}: " + self.slope.against("Weber's law"),
             f"W at {self.center:.3g} {unit}: {w}",
             "slopes: " + ", ".join(
                 "{} {:.2f} ({:.2f} to {:.2f})".format(subject, *self.slope_of(subject)) for subject in self.lines
@@ -418,9 +426,7 @@ class SensitivityFunction(Tabular):
             "curvature: not known without three references of a subject",
         ]  # fmt: skip
         if self.curvature is not None:
-            lines[-1] = (
-                f"curvature: {self.curvature}; 0 is a power law, p = {p_text(self.curvature.p_value())}"
-            )
+            lines[-1] = f"curvature: {self.curvature.against('a power law')}"
         if self.sessions < len({row.session for row in self.fractions}):
             lines.append("effects of the sessions cannot be told from the slopes and are left out")
         if all(row.force for row in self.fractions):

@@ -154,7 +154,7 @@ void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t*
 
 // Updates all that follows from a brick's present and pristine levels.
 void VoxelBone::update_brick(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
-  pristine_sum_ -= pristine_mass(at, brick);
+  const std::int64_t pristine_before = pristine_mass(at, brick), before = sums_[brick].mass;
   const Index3 n = extent(at);
   unsigned other = 0, some_faint = 0;
   const auto look = [&](const std::uint8_t* p, std::int64_t count) {
@@ -181,10 +181,10 @@ void VoxelBone::update_brick(const Index3& at, std::size_t brick, const std::uin
       state_[brick] |= saved;
     }
   }
-  level_sum_ -= sums_[brick].mass;
   sums_[brick] = sum_brick(tile(brick));
-  level_sum_ += sums_[brick].mass;
-  pristine_sum_ += pristine_mass(at, brick);
+  // at once, as other threads ask for the sums
+  level_sum_ += std::int64_t(sums_[brick].mass) - before;
+  pristine_sum_ += pristine_mass(at, brick) - pristine_before;
   occupancy_.set(at, sums_[brick].mass > 0);
 }
 

@@ -108,6 +108,7 @@ def test_other_inputs_give_another_session(trace):
     ):
         assert burrlab.replay(other).difference.tick in (900, 901)
     assert not burrlab.replay(replace(trace, seed=SEED + 1)).equal
+    assert burrlab.replay(changed(trace, 9, 0, "radius_mm", lambda R: 2 * R)).difference.field == "radius_mm"
 
 
 def test_a_recorded_nan_differs_and_goes_into_json(trace):
@@ -119,7 +120,7 @@ def test_a_recorded_nan_differs_and_goes_into_json(trace):
 
 def test_what_is_for_analysis_only_is_not_compared(trace):
     ticks = trace.ticks.copy()
-    for name in ("sent_force_N", "device_position_mm", "device_velocity_mm_s", "age_ms", "radius_mm"):
+    for name in ("sent_force_N", "device_position_mm", "device_velocity_mm_s", "age_ms"):
         ticks["burr"][name] = 1e3
     ticks["time_s"] = 0.0
     assert burrlab.replay(replace(trace, ticks=ticks)).equal

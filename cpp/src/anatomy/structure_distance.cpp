@@ -77,6 +77,8 @@ double StructureSearch::gap(int axis, double point, std::int64_t first, std::int
 
 double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, double bound) const noexcept {
   const StandardArithmetic arithmetic;
+  if (!std::isfinite(point[0] + point[1] + point[2]) || std::isnan(bound))
+    return std::numeric_limits<double>::infinity();
   const auto squared_to = [&](const Index3& first, const Index3& last) {
     const double z = gap(2, point[2], first[0], last[0]), y = gap(1, point[1], first[1], last[1]);
     const double x = gap(0, point[0], first[2], last[2]);

@@ -171,6 +171,7 @@ DeviceModel HapticLoop::model(std::size_t burr) const {
   if (std::isnan(model.damping)) model.damping = known.damping;
   if (std::isnan(model.encoder_step)) model.encoder_step = known.encoder_step;
   if (std::isnan(model.friction)) model.friction = known.friction;
+  if (std::isnan(model.delay)) model.delay = known.delay;
   return model;
 }
 
@@ -273,7 +274,8 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
     if (reading.status == Status::lost) {
       halt_devices();
       const std::string why = devices_[i]->fault();
-      const std::string old = "its last position is " + std::to_string(int(reading.age)) + " ms old";
+      const std::string old =
+          "its last position is " + std::to_string(int(std::min(reading.age, 1e9))) + " ms old";
       end(who() + " was lost: " + (why.empty() ? old : why), true);
       return false;
     }
@@ -358,7 +360,9 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
   record_.time = time;
   executor_->execute(record_);
   // Guards with a memory count all the time for which a force was held, also beyond k periods.
-  const double since = settings_.guards.empty() ? double(k) : double(periods);
+  const bool remembers =
+      !settings_.guards.empty() || std::isfinite(settings_.guard.continuous) || settings_.guard.ramp > 0.0;
+  const double since = remembers ? double(periods) : double(k);
   if (!send_forces(since * executor_->setup().period)) return false;
   record_.cpu_time = 1e-3 * double(thread_cpu_now() - cpu_start);
   ring_->push(record_);

@@ -93,6 +93,10 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
     )
     refuse(group["events"].dtype != EVENT_DTYPE, "its events have other columns than this format has")
     events = read_only(read_dataset(group, "events", int(read_dataset(group, "events_recorded"))))
+    refuse(
+        (events["kind"] >= len(KINDS)).any() or (events["structure"] >= len(settings["structures"])).any(),
+        "an event is of no kind or structure that it has",
+    )
     doses = read_dataset(group, "doses")
     refuse(
         doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])),
@@ -102,6 +106,7 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
         return settings, None, events
     gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
     removed = read_only(read_dataset(group, "removed_levels"))
+    refuse(removed.ndim != 1, "what was removed of its structures is no list")
     return settings, Watched(events, read_only(doses), removed, gaps, passed, lost), events
 
 

@@ -86,7 +86,9 @@ def read_dicom(
     """
     for library in ("SimpleITK", "pydicom"):
         medical(library, "reading DICOM")
-    slices = _of_series([_header_of(name) for name in names], where, series)
+    # others of the folder, such as a report or a capture, need not be readable
+    chosen = [name for name in names if series in (None, series_of(name))] or names
+    slices = _of_series([_header_of(name) for name in chosen], where, series)
     _check_alike(slices, where)
     turn = np.reshape(slices[0].turn, (2, 3))
     direction = checked_direction(np.column_stack([*turn, np.cross(*turn)]), where, _FOUR_DIGITS)
@@ -127,7 +129,10 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
     A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
     """
     files = Path(folder).rglob("*") if below else Path(folder).iterdir()
-    paths = {path for path in files if path.is_file() and path.name.upper() != "DICOMDIR"}
+    paths = {
+        path for path in files
+        if path.is_file() and path.name.upper() != "DICOMDIR" and not path.name.startswith("._")
+    }  # fmt: skip
     slices = {path for path in paths if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom")}
     refuse(not slices, f"{os.fspath(folder)}: the folder holds no DICOM files")
     others = (path.name for path in sorted(paths - slices) if not path.name.startswith("."))
@@ -152,6 +157,7 @@ def dataset(name: str) -> Any:
     """A slice as pydicom reads it, with its elements as stored; ValueError if it has no pixels."""
     import pydicom
 
+    check_memory(2.0 * os.path.getsize(name), f"{name}: the file")
     content = Path(name).read_bytes()
     if _DEFLATED in content[:1024]:  # pydicom and GDCM inflate all of the data
         stream = zlib.decompressobj(-zlib.MAX_WBITS)
@@ -173,6 +179,22 @@ def dataset(name: str) -> Any:
         ):
             return attributes
     raise ValueError(f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image")
+
+
+def series_of(name: str) -> str | None:
+    """The series of a file, whatever else it holds; None if it does not say."""
+    import pydicom
+
+    with contextlib.suppress(Exception), warnings.catch_warnings(), open(plain_name(name), "rb") as file:
+        warnings.simplefilter("ignore")
+        if _DEFLATED not in file.read(1024):
+            return text_of(
+                pydicom.dcmread(
+                    name, stop_before_pixels=True, specific_tags=["SeriesInstanceUID"], force=True
+                ),
+                "SeriesInstanceUID",
+            )
+    return None
 
 
 def text_of(attributes: Any, keyword: str) -> str:
@@ -205,7 +227,7 @@ def _header_of(name: str) -> _Slice:
 
     def whole(keyword: str) -> int | None:
         text = text_of(attributes, keyword)
-        return int(text) if text.lstrip("+-").isdecimal() else None
+        return int(text) if re.fullmatch(r"[+-]?[0-9]{1,12}", text) else None
 
     rows, columns, bits, values = (
         short_of(attributes, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")

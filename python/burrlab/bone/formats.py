@@ -23,6 +23,7 @@ from burrlab.bone.header import (
     LPS_ASSUMED,
     Header,
     Storage,
+    decimal_points,
     itk_image,
     medical,
     meta_header,
@@ -245,8 +246,8 @@ def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
     with path.open("rb") as file:
         file.seek(at.start)
         for _ in range(at.lines):
-            if not file.readline(1 << 20):
-                break
+            while (part := file.readline(1 << 20)) and not part.endswith(b"\n"):
+                pass
         begin = file.tell()
         left = os.fstat(file.fileno()).st_size - begin
         if at.encoding == "gzip":
@@ -387,7 +388,8 @@ def _head(
 ) -> bytes:
     """What stands before the values: as ITK writes it for few voxels, with the volume's sizes."""
     image = itk_image(np.zeros((2, 2, 2), kind), volume, volume.origin, fields)
-    medical("SimpleITK", "writing volumes").WriteImage(image, str(part), useCompression=packed)
+    with decimal_points():
+        medical("SimpleITK", "writing volumes").WriteImage(image, str(part), useCompression=packed)
     content, sizes = part.read_bytes(), volume.shape[::-1]
     if part.name.endswith((".nii", ".nii.gz")):
         head = (gzip.decompress(content) if packed else content)[: -8 * kind.itemsize]

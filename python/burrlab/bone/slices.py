@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Tissues
-from burrlab.bone.dicom import holds_dicom
+from burrlab.bone.dicom import IN_FOLDER, holds_dicom
 from burrlab.bone.header import LPS_ASSUMED, medical
 from burrlab.bone.image import Colour, LabelVolume, Volume
 from burrlab.bone.specimen import checked_spacing
@@ -154,7 +154,7 @@ def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path
     )
     before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
     refuse(
-        latest is not None and order[0] > latest,
+        latest is not None and order[0] > latest and not (paths[0].parent / IN_FOLDER).exists(),
         f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named by a pattern",
     )
     return [numbered[number] for number in order]

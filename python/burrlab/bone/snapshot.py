@@ -8,7 +8,7 @@ import json
 import math
 import operator
 import os
-import shlex
+import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -147,11 +147,18 @@ def read_flat(path: str | os.PathLike[str]) -> tuple[VoxelBone, int, str, list[s
             return None
         known, line = file.read(len(FLAT_1)) == FLAT_1, file.readline(64)
         # The core refuses other formats, and checks the header.
-        words = shlex.split(file.read(int(line.split()[0])).decode()) if known else []
+        left = os.fstat(file.fileno()).st_size
+        words = _words(file.read(min(int(line.split()[0]), left)).decode()) if known else []
         check_memory(2.04 * math.prod(map(int, words[:3])), "its bone")
         bone, tick, source = read_flat_bone(os.fsencode(path))
         session = words[16 + 10 * int(words[15]) + 7 * (words[15] != "0") :]
         return bone, tick, source, session, file.tell() + sum(map(int, words[12:15]))
+
+
+def _words(text: str) -> list[str]:
+    """Words, and texts in quotation marks, of a flat file's header."""
+    found = re.findall(r'"([^"\\]*(?:\\.[^"\\]*)*)"|(\S+)', text, re.DOTALL)
+    return [word or re.sub(r"\\(.)", r"\1", quoted, flags=re.DOTALL) for quoted, word in found]
 
 
 def bone_source(path: str | os.PathLike[str]) -> str:

@@ -1,5 +1,6 @@
 """Tables: CSV files with units in the column names, TSV files, data sets, text and HTML of reports."""
 
+import contextlib
 import csv
 import html
 import io
@@ -152,13 +153,15 @@ class Table:
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
-        columns = self._columns(f"{name}, line {line}", header, faults, others)
+        columns = self._columns(f"{name}, line {line}", header.rstrip(", "), faults, others)
+        empty = header[len(header.rstrip(", ")) :].count(",")  # columns that a spreadsheet added
         due = f"{len(columns)} fields are due ({listed(heading for heading, _ in columns)})"
         where = ""
         for line, content in lines:
             where = f"{name}, line {line}"
             try:
                 texts = _fields(where, content)
+                texts = texts[: len(columns)] if empty and not any(texts[len(columns) :]) else texts
                 refuse(len(texts) != len(columns), f"{where}: {due}, found {len(texts)}")
             except ValueError as error:
                 faults.append(str(error))
@@ -338,13 +341,23 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint:
 ERROR_VALUE = re.compile(r"#(N/?[ADV]|[¡¿]?[A-ZÀ-Ý/0]+[!?])(?=[,;\t|]|$)")
 
 
+def comment_in(line: str, sep: str) -> str | None:
+    """The text of a comment, also of one that a spreadsheet took for a row and saved; None for another line."""
+    if not line.startswith(("#", '"#')) or ERROR_VALUE.match(line):
+        return None
+    if line.startswith('"') or line.endswith(sep):
+        with contextlib.suppress(csv.Error):
+            line = ",".join(next(csv.reader([line], delimiter=sep))).rstrip(", ")
+    return line.lstrip('"')[1:]
+
+
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
     """Lines of the table with their numbers from 1; `comments` gets the `# key: value` lines above."""
     in_head = True
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         line = line.strip()
-        if line.startswith("#") and not ERROR_VALUE.match(line):
-            key, colon, value = line[1:].partition(":")
+        if (comment := comment_in(line, ",")) is not None:
+            key, colon, value = comment.partition(":")
             if in_head and colon:
                 comments[key.strip()] = value.strip()
         elif line:

@@ -392,8 +392,15 @@ def compare(
 
 
 def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
-    """A sentence where one set has one level of a group, and the other set other ones; else empty."""
+    """A sentence where one set has one level of a group, and the other set other ones or none; else empty."""
     first, second = ({group.name: set(group.levels) for group in fit.observations.groups} for fit in fits)
+    for group in sorted(first.keys() ^ second.keys()):
+        of, other = names if group in first else names[::-1]
+        if len(first.get(group, second.get(group, set()))) > 1 and (first and second):
+            return (
+                f"Whether {names[0]} and {names[1]} differ cannot be told: the runs of {of} have a {group}, those of "
+                f"{other} have none; label both, or leave it out of both by groups."
+            )
     for group in first.keys() & second.keys():
         if first[group] != second[group] and min(len(first[group]), len(second[group])) == 1:
             lone = names[len(first[group]) > 1]

@@ -177,6 +177,10 @@ class MixedCalibration:
     #: those estimated, shape (m,), beside one effect; None beside others, and in files that know Satterthwaite's nu alone
     variances: Floats | None = None
 
+    def __post_init__(self) -> None:  # of no variances, JSON keeps no shape
+        object.__setattr__(self, "changes", np.reshape(self.changes, (-1, *self.covariance.shape)))
+        object.__setattr__(self, "of_variances", np.reshape(self.of_variances, 2 * (len(self.changes),)))
+
     @property
     def exponent(self) -> float:
         """p of the smallest standard error of log alpha - p log c_e."""

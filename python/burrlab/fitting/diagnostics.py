@@ -165,6 +165,7 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     o, n = likelihood.observations, len(likelihood.observations.pressed)
     if n < 2:
         return []
+    o = likelihood.corrected
     q = o.force_exponent
     law = "Eq. 3" if q == PAPER_FORCE_EXPONENT else f"F ~ h^{q:.4g}"
     x, log = np.log(o.pressed_unit), np.log(o.pressed / o.pressed_unit)
@@ -727,7 +728,10 @@ def plausibility(
         )
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
+    within = c_e[0] <= point[0] <= c_e[1] and alpha[0] <= point[1] <= alpha[1]
     inside, off = p_of(), rms_off(likelihood, point)
+    if inside < _SUSPECT and within:  # precise data may lie between the points of the walk
+        inside = 1.0
     x, y = np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
     x, freedom = x - x.mean(), max(len(x) - 2, 1)
     slope = float(x @ y / (x @ x))

@@ -649,7 +649,7 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
         residuals["pressed"] = o.pressed_residuals(c_e, True)
     r = np.concatenate([residuals[kind][rows] for kind, rows in o.rows])
     chi2 = (
-        float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
+        float(np.sum(((o.velocity - predicted["velocity"]) / o.sigma) ** 2) / (len(o.force) - 2))
         if o.has_sigma and usable
         else None
     )

@@ -264,6 +264,11 @@ class Likelihood:
         """The same likelihood, with rows that have a window at a point."""
         return self
 
+    @property
+    def corrected(self) -> Observations:
+        """The rows with the best offsets."""
+        return self.observations
+
     def belief_rises(self) -> list[tuple[float, float]]:
         """How far -2 log L of the rows alone rises to meet each belief, and the degrees of freedom of its scatter."""
         return []

@@ -434,6 +434,16 @@ class MixedLikelihood(Likelihood):
             self.equations.effect2[kept],
         )  # fmt: skip
 
+    @property
+    def corrected(self) -> Observations:
+        """See `Likelihood`; `observations` are moved in steps, and pressed rows here by the rest."""
+        o = self.plain.observations
+        for x, block in zip(self.components, self.linear.blocks, strict=True):
+            if x.quantity in OFFSETS:
+                rest = np.append(-self.equations.solution[block] - self.shifts[block], 0.0)
+                o = o.moved(x.quantity, np.zeros(len(o.force)), rest[x.group.pressed])
+        return o
+
     def belief_rises(self) -> list[tuple[float, float]]:
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         rises = []

@@ -149,7 +149,7 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
         for k, label in enumerate(x.levels if x.interval is None else ()):
             own = x.quantity in ("c_e", "alpha")
             of = (
-                f"ln {x.quantity}, data set {label} over 1"
+                f"ln {x.quantity}, data set {label} over the first"
                 if own
                 else f"offset of {x.quantity}".replace("offset of order", "drift of ln v")
                 + (f", {x.group} {label}" if len(x.levels) > 1 else "")

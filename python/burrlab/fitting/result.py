@@ -212,9 +212,13 @@ class Fit(FitRecord, Tabulated):
         """
         effects = [x for x in self.effects if x.group == group and x.quantity in ("c_e", "alpha")]
         refuse(not effects, f"group must be one with effects, {sorted(self._groups)}: got {group!r}")
-        logs = {
-            label: {"c_e": 0.0, "alpha": 0.0} for label in ("1",) * (group == "data set") + effects[0].levels
-        }
+        labels, o = effects[0].levels, self.observations
+        if group == "data set":  # an indentation has no alpha
+            with_alpha = (
+                np.unique(o.sets.velocity) if effects[0].quantity == "alpha" else range(len(o.sets.levels))
+            )
+            labels = tuple(o.sets.levels[k] for k in with_alpha)
+        logs = {label: {"c_e": 0.0, "alpha": 0.0} for label in labels}
         for effect in effects:
             for label, value in zip(effect.levels, effect.values, strict=True):
                 logs[label][effect.quantity] = value
@@ -440,10 +444,11 @@ class Fit(FitRecord, Tabulated):
         (group,) = (group for group in (o.sets, *o.groups) if group.name == name)
         levels = self.levels(name)
         ax.set(xscale="log" if log else "linear", yscale="log" if log else "linear")
-        for k, (look, (label, (c_e, alpha))) in enumerate(
-            zip(itertools.cycle(SERIES), levels.items(), strict=False)
-        ):
-            rows, text = group.velocity == k, label if label.startswith(name) else f"{name} {label}"
+        for look, (label, (c_e, alpha)) in zip(itertools.cycle(SERIES), levels.items(), strict=False):
+            rows, text = (
+                group.velocity == group.levels.index(label),
+                label if label.startswith(name) else f"{name} {label}",
+            )
             dress: dict[str, Any] = {"color": look["color"], "linestyle": "", "marker": look["marker"]}
             text = text if len(levels) <= _NAMED else "_"
             ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)

@@ -19,6 +19,7 @@ from burrlab.common.table import (
     Path,
     Table,
     TableData,
+    comment_in,
     listed,
     number_in_comments,
     origin,
@@ -145,8 +146,8 @@ class TableLayout:
         lines = list(io.StringIO(content.removeprefix("\ufeff"), newline=None))
         head, start, sep, headings = self.headings_of(lines)
         for line in lines[:head]:
-            key, colon, text = line[1:].partition(":")
-            if line.startswith("#") and colon:
+            key, colon, text = (comment_in(line.strip(), sep) or "").partition(":")
+            if colon:
                 self.comments[key.strip()] = text.strip()
         self.skipped["lines above the headings"] = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")

@@ -78,9 +78,16 @@ class ExperimentPlan:
     def observations(self, levels: Mapping[str, int] | None = None, law: Law | None = None) -> Observations:
         """The rows of a fit, every outcome 1 [mm/s] or [N]; repeats are dealt over the levels of groups."""
 
+        most = max(k for *_, k in (*self.velocities, *self.static))
+
         def groups(values: tuple[float, ...], k: int) -> dict[str, list[int]]:
             labels, every = {}, 1
             for name, number in (levels or {}).items():
+                refuse(
+                    number * every > most,
+                    f"between of {name}: {number * every} runs at a force or depth would have each {name} once"
+                    f"{' with each of the others' if every > 1 else ''}, the plan has at most {most}",
+                )
                 labels[name] = [repeat // every % number for _ in values for repeat in range(k)]
                 every *= number
             return labels

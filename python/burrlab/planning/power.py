@@ -261,7 +261,7 @@ def _between(
         (x.group for x in estimated if x.quantity == "c_e"), estimated[-1].group if estimated else "specimen"
     )
     variance = dict.fromkeys(names, 0.0)
-    for effect in estimated:
+    for effect in (x for x in estimated if x.group == unit):
         variance[effect.quantity] += float(effect.deviation or 0.0) ** 2
     refuse(
         between is None and not estimated,
@@ -276,7 +276,9 @@ def _between(
         )
         deviations[name] = float(value)
     up_to = {
-        x.quantity: x.interval.upper for x in estimated if x.interval and x.quantity not in (between or {})
+        x.quantity: x.interval.upper
+        for x in estimated
+        if x.interval and x.group == unit and x.quantity not in (between or {})
     }
     return unit, deviations, up_to
 

@@ -13,8 +13,8 @@ from burrlab.common.records import Codec
 from burrlab.common.table import by_value
 from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
-#: Columns that the model gives. They are compared to the bit.
-COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous")
+#: Columns that the model and its tools give. They are compared to the bit.
+COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous", "radius_mm", "material")
 _BATCH = 2000  # ticks between two checks for Ctrl-C
 
 

@@ -28,10 +28,11 @@ from burrlab.bone.snapshot import (
     told_as_damage,
     write_bone,
 )
-from burrlab.common.check import amend_error, refuse
+from burrlab.common.check import amend_error, check_memory, refuse
 from burrlab.common.files import attributes, new_hdf5, put_attributes
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
+from burrlab.common.records import in_one_line
 from burrlab.common.table import dataframe
 
 if TYPE_CHECKING:
@@ -293,6 +294,7 @@ class Recording(Protocol):
 
 
 _LONGEST = 1000  # characters of a name
+_LONGEST_PERIOD = 1e6  # [ms]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -529,6 +531,7 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
     """The trace in a flat file: its bone is read, and its ticks begin there."""
     refuse(not words, f"{path} is not a {FORMAT}: it holds a bone alone")
     with path.open("rb") as file, told_as_damage(path):
+        check_memory(2.0 * path.stat().st_size, "its ticks")
         file.seek(begin)
         rows = memoryview(file.read())
         seed, period, scheme, started, cpu_path, version, burrs = words[:7]
@@ -544,12 +547,12 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
             rows = rows[:-200]
             checksum = zlib.adler32(end[16:], zlib.adler32(rows))
             refuse(end[5:16] != b"%10d " % checksum, "its ticks were changed")
-            digest, _, ended = end[16:].decode(errors="replace").rstrip().partition(" ")
+            digest, _, ended = in_one_line(end[16:].decode(errors="replace")).partition(" ")
         else:  # the program was killed
             rows = rows[: len(rows) // row.itemsize * row.itemsize]
         ticks = read_only(to_rows(np.frombuffer(rows, row), len(tools)))
         _check_rows(ticks, first)
-        _check_setup(bone, tools, (), int(seed), scheme)
+        _check_setup(bone, tools, (), int(seed), scheme, float(period))
         made_by = dict.fromkeys(("python", "numpy", "machine"), "") | {
             "burrlab": f"{version}, C++", "cpu_path": cpu_path, "started_unix_s": float(started),
             "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(float(started))),
@@ -575,9 +578,15 @@ def _read(file: "h5py.File", path: Path) -> Trace:
     # Digests and events are read first, as they are written after their ticks.
     watch, watched, events = read_watch(file, len(tools))
     digests = read_dataset(file, "digests", int(read_dataset(file, "digests_recorded")))
-    ended = bytes(read_dataset(file, "ended")).rstrip(b"\0").decode(errors="replace")
+    ended = in_one_line(
+        bytes(read_dataset(file, "ended")).rstrip(b"\0").decode(errors="replace"), ENDED_LENGTH
+    )
     complete = bool(read_dataset(file, "complete"))
     ticks = _ticks(file, path, first, len(tools))
+    refuse(
+        len({*digests["tick"].tolist()}) < len({*digests.tolist()}),
+        f"{path} is damaged: it has two digests of one tick",
+    )
     refuse(
         complete and any(digests["tick"] > first + len(ticks)),
         f"{path} is damaged: it has digests of later ticks than its {len(ticks)}",
@@ -587,7 +596,8 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         tick != first or bone.digest() != about["initial_digest"],
         f"{path} is damaged: its volume is not the one that the session began with",
     )
-    _check_setup(bone, tools, devices, seed, scheme)
+    _check_setup(bone, tools, devices, seed, scheme, float(about["period_ms"]))
+    refuse(not 0 <= float(about["started_unix_s"]) < np.inf, "its start is no time")
     made_by = {
         name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)()
         for name in ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
@@ -601,8 +611,9 @@ def _read(file: "h5py.File", path: Path) -> Trace:
 
 
 def _check_setup(
-    bone: VoxelBone, tools: Sequence[tuple[Burr, Material]], devices: Sequence[Any], seed: int, scheme: str
-) -> None:
+    bone: VoxelBone, tools: Sequence[tuple[Burr, Material]], devices: Sequence[Any], seed: int, scheme: str,
+    period: float,
+) -> None:  # fmt: skip
     """ValueError unless a session could have had this setup on this bone."""
     names = (*devices, *(material.name for _, material in tools))
     texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names)
@@ -610,6 +621,10 @@ def _check_setup(
         not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
         f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
         "bits and its scheme layer or cell",
+    )
+    refuse(
+        not 0 < period <= _LONGEST_PERIOD,
+        f"its period must be above 0 and at most {_LONGEST_PERIOD:g} ms, got {period:g}",
     )
     alien = [m for _, m in tools if bone.tissues is not None and m != bone.tissues.material]
     refuse(alien, "a tool's material is not that of its bone's tissues")

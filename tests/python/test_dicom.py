@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import sys
 
 import numpy as np
@@ -80,7 +81,13 @@ def test_files_in_subfolders(tmp_path):
     which = r"series must say which of 2 DICOM series: 1\.2\.3\.4 \(6 files\), 9\.8\.7 \(4 files\)"
     refused(tmp_path / "study", which)
     refused(tmp_path / "study", r"series must be one of .*, got 5\.5", series="5.5")
+    write_series(
+        ct[0] / "capture", VALUES[:1], series="7.7.7", SamplesPerPixel=3
+    )  # of no use, and of another series
+    (ct[0] / "other" / "._slice000.dcm").write_bytes(b"of a Mac")
+    refused(tmp_path / "study", r"one value a voxel")
     assert burrlab.read_volume(tmp_path / "study", series="9.8.7").shape == (4, 4, 5)
+    shutil.rmtree(ct[0] / "capture")
     assert burrlab.read_volume(ct[0]).shape == (3, 4, 5)  # it holds slices itself
     assert {str(ct[1] / "3"), str(ct[0] / "other" / "slice000.dcm")} <= set(
         _volume_files(str(tmp_path / "study"))

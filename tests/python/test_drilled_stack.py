@@ -36,6 +36,11 @@ def test_grey_stacks(tmp_path: Path, kind: str, turned: bool) -> None:
     np.testing.assert_array_equal(again.values[whole], volume.values[whole])
     assert np.abs(mapping.levels(again.values).astype(int) - bone.density)[~whole].max() <= 1
     assert load_drilled(tmp_path / "b").bone.digest() == bone.digest()
+    part = read_stack(
+        str(tmp_path / "a/plane00[5-9].png"), **place
+    )  # its numbers stay, as the folder is whole by itself
+    save_drilled(tmp_path / "part", part.to_bone(mapping), part, mapping=mapping, tick=0)
+    assert load_drilled(tmp_path / "part").bone.shape == part.shape
     with Image.open(tmp_path / "a/plane000.png") as old, Image.open(tmp_path / "b/plane000.png") as new:
         assert new.mode == old.mode
 

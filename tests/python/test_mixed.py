@@ -909,6 +909,55 @@ def test_a_specimen_s_window_bounds_no_other(tmp_path, design):
     assert again.at(1.7).profile == pytest.approx(fit.likelihood.at(1.7).profile, abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_pressed_rows_are_judged_with_all_best_offsets(seed):
+    """Those of force and surface balance one another; moved by one alone, presses would contradict Eq. 3."""
+    curve = burrlab.synthetic_curve(BURR, BONE, FORCES[1:], repeats=3, scatter=0.05, seed=seed)
+    presses = burrlab.synthetic_indentation(
+        BURR, BONE, [0.05, 0.1, 0.2, 0.3], repeats=3, scatter=0.05, seed=1000 + seed
+    )
+    fit = burrlab.fit([curve, presses], uncertain={"force": 0.02, "surface": 0.02})
+    assert fit.status == "ok", fit.verdict
+
+
+def test_data_sets_with_an_alpha_each_beside_an_indentation():
+    curves = [
+        burrlab.synthetic_curve(
+            BURR, burrlab.Material("x", c_e=BONE.c_e, alpha=alpha), FORCES, scatter=0.05, seed=k
+        )
+        for k, alpha in enumerate((0.087, 0.06))
+    ]
+    presses = burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.2], repeats=3, scatter=0.05, seed=1)
+    fit = burrlab.fit([presses, *curves], share=("c_e",))
+    assert list(fit.levels("data set")) == ["2", "3"]
+    points = {
+        line.get_label(): len(line.get_xdata())
+        for line in fit.plot().lines
+        if line.get_marker() == "o" or line.get_marker() == "s"
+    }
+    assert points == {"data set 2": 24, "data set 3": 24}
+    weighed = [replace(curve, sigma=0.05 * curve.velocity) for curve in curves]
+    assert burrlab.fit(weighed, share=("c_e",), residuals="sigma").chi2_reduced < 2
+
+
+def test_a_fit_without_estimated_variances_comes_back(tmp_path):
+    curve = burrlab.synthetic_curve(BURR, BONE, FORCES, scatter=0.05, seed=1)
+    curve = replace(curve, sigma=0.05 * curve.velocity)
+    fit = burrlab.fit(curve, residuals="sigma", known={"c_e": (BONE.c_e, 0.0003)})
+    assert fit.status == "ok"  # between the points of a walk over the plausible range
+    fit.to_json(tmp_path / "fit.json")
+    again = burrlab.Fit.from_json(tmp_path / "fit.json")
+    assert np.ravel(again.velocity_interval(1.0)) == pytest.approx(np.ravel(fit.velocity_interval(1.0)))
+
+
+def test_days_that_one_set_alone_has_labelled_are_not_left_out():
+    curve = laboratory(1, 4, of_c_e=0.1, group="specimen")
+    with_days = replace(curve, groups=curve.groups | {"day": [str(k % 3) for k in range(len(curve))]})
+    compared = burrlab.compare(burrlab.fit(with_days, plausible=None), burrlab.fit(curve, plausible=None))
+    assert "those of B have none; label both" in compared.verdict
+    assert not compared.pairs[0].differ
+
+
 def intervals_with_the_truth(fit):
     """Whether each 95 % interval, and the region, of a fit holds the bone's c_e and alpha."""
     return {

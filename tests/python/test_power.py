@@ -1,5 +1,6 @@
 """The power of a comparison, its run sheet, and what a filled-in sheet gives."""
 
+import csv
 import json
 from dataclasses import replace
 
@@ -102,6 +103,14 @@ def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     order = [F for _, specimen, drill, F in rows if (specimen, drill) == ("specimen 1", "A")]
     assert order != sorted(order)
     assert burrlab.run_sheet(FORCES, specimens=4, runs=8, radius=3.0, seed=1) == sheet
+    for sep in ",;":  # a spreadsheet takes comments for rows
+        replace(sheet, velocity=np.ones(len(sheet))).to_csv(tmp_path / "filled.csv")
+        with open(tmp_path / "filled.csv", newline="") as file:
+            rows = list(csv.reader(file))
+        with open(tmp_path / "saved.csv", "w", newline="") as file:
+            csv.writer(file, delimiter=sep).writerows(row + [""] * (7 - len(row)) for row in rows)
+        saved = burrlab.VelocityCurve.from_csv(tmp_path / "saved.csv", **({"sep": sep} if sep == ";" else {}))
+        assert (saved.radius, saved.groups, saved.provenance["seed"]) == (3.0, sheet.groups, 1)
     assert set(burrlab.run_sheet(FORCES, specimens=1, runs=3).force) == {*FORCES[[0, 4, 7]]}
 
     filled(sheet, 2, ratio=0.7).to_csv(tmp_path / "sheet.csv")

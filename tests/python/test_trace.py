@@ -432,7 +432,8 @@ def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
         (lambda trace: trace["volume/density"].__setitem__((0, 0, 0), 3), "damaged: the bone has digest"),
         (_set("initial_digest", "0" * 32), ".*its volume is not the one that the session began with"),
         *((change, "") for change in (
-            _set("burrs", 3), _set("burrs", "two"), _set("burrs", np.inf), _set("seed", "x"), _set("period_ms", "long"),
+            _set("burrs", 3), _set("burrs", "two"), _set("burrs", np.inf), _set("seed", "x"), _set("period_ms", "long"), _set("period_ms", 0.0),
+            _set("started_unix_s", [1.0, 2.0]),
             _set("first_tick", -1.5), _set("format_version", "new"), _set("initial_digest", [1, 2]),
             _replace("note", "{not JSON"), _replace("note", np.bytes_(b"\xff\xfe")), _replace("note", 5),
             _replace("ticks", 5), _replace("recorded", np.zeros(3)),

@@ -128,7 +128,7 @@ void VrpnDevice::take(const vrpn::Message& message) {
 
 void VrpnDevice::take_pose(const vrpn::Message& message) {
   if (message.number != 0) return;
-  const bool older = message.timestamp < newest_;
+  const bool older = !settings_.tcp && message.timestamp < newest_;
   if (older && newest_ - message.timestamp < std::uint64_t(1) << 32) return;  // overtaken on UDP
   newest_ = message.timestamp;
   const auto& v = message.values;

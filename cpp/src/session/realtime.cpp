@@ -1,5 +1,6 @@
 #include "session/realtime.hpp"
 
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -37,6 +38,8 @@ void sleep_until(std::int64_t time) noexcept {
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
 }
 
+static std::atomic<int> locking{0};  // loops of this process that hold its memory
+
 std::vector<std::string> become_realtime(const RealtimeRequest& request) {
   std::vector<std::string> said;
   if (request.priority) {
@@ -49,10 +52,12 @@ std::vector<std::string> become_realtime(const RealtimeRequest& request) {
   } else {
     said.push_back("real-time priority: not asked for");
   }
-  if (request.lock_memory)
+  if (request.lock_memory) {
+    ++locking;
     said.push_back(
         sentence("memory", mlockall(MCL_CURRENT) == 0 ? 0 : errno, "locked",
                  "it needs CAP_IPC_LOCK or a larger memlock limit, and a page fault can delay a tick"));
+  }
   if (request.cpu >= 0) {
     cpu_set_t set;
     CPU_ZERO(&set);
@@ -66,7 +71,9 @@ std::vector<std::string> become_realtime(const RealtimeRequest& request) {
   return said;
 }
 
-void unlock_memory() noexcept { munlockall(); }
+void unlock_memory() noexcept {
+  if (--locking == 0) munlockall();
+}
 
 #else
 

@@ -95,6 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; 0 is done (also without a number), 1 different or failed, 2 wrong input, 3 not saved
     as asked, 130 interrupted, 141 nobody reads."""
     options = argparse.Namespace(command="")
+    if sys.stderr is None:  # it was closed
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     try:
         texts = join_vectors(sys.argv[1:] if arguments is None else arguments)
         words = [text for text in texts if text != _QUIET]

@@ -20,12 +20,14 @@ from burrlab._core import (
     DeviceModel,
     Follower,
     HapticLoop,
+    IgtlDevice,
     LoopFrame,
     Material,
     RecordReader,
     ScriptedDevice,
     TickExecutor,
     VoxelBone,
+    VrpnDevice,
 )
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
@@ -208,7 +210,8 @@ class Session:
             f"stop_button must be another button than the clutch, got {safety.stop_button}",
         )
         refuse(
-            not clock.wall_clock and any(isinstance(device, HeldDevice) for device in self.devices),
+            not clock.wall_clock
+            and any(isinstance(device, HeldDevice | IgtlDevice | VrpnDevice) for device in self.devices),
             f"wall_clock must be True for a device that a hand holds, got {clock.wall_clock!r}",
         )
 

@@ -363,6 +363,24 @@ def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place, kinds, sente
         read_answers(path)
 
 
+@pytest.mark.parametrize("level", ["1.0", "n/a"])
+def test_a_level_that_the_design_cannot_have(tmp_path, level):
+    _, path = begun(tmp_path, "up", count=3)
+    rows = [row.split("\t") for row in path.read_text().splitlines()]
+    rows[2][rows[0].index("level")] = level
+    path.write_text("".join("\t".join(row) + "\n" for row in rows))
+    with pytest.raises(ValueError, match="line 3, column level: must be one of the design's"):
+        read_answers(path)
+
+
+def test_a_run_killed_while_its_files_were_made_stops_no_analysis(tmp_path):
+    _, path = begun(tmp_path, "probing", count=4)
+    other = path.parents[2] / "sub-02/beh/sub-02_task-probing_events.tsv"
+    other.parent.mkdir(parents=True)
+    other.write_text(path.read_text().splitlines()[0] + "\n")
+    assert [run.subject for run in read_folder(path.parents[2])] == ["01"]
+
+
 def test_more_answers_than_trials(tmp_path):
     _, path = begun(tmp_path, "match", count=4)
     *_, last = path.read_text().splitlines()

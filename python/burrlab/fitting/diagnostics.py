@@ -728,9 +728,9 @@ def plausibility(
         )
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
-    within = c_e[0] <= point[0] <= c_e[1] and alpha[0] <= point[1] <= alpha[1]
+    within = (c_e[0] <= point[0] <= c_e[1]) * (alpha[0] <= point[1] <= alpha[1])
     inside, off = p_of(), rms_off(likelihood, point)
-    if inside < _SUSPECT and within:  # precise data may lie between the points of the walk
+    if inside < _SUSPECT * within:  # precise data may lie between the points of the walk
         inside = 1.0
     x, y = np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
     x, freedom = x - x.mean(), max(len(x) - 2, 1)

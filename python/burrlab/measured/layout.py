@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -46,7 +47,7 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
     }.items()
 }  # fmt: skip
 _KNOWN = sorted((unit for factors in UNITS.values() for unit in factors), key=len, reverse=True)
-_TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
+_TAIL = re.compile(rf"(?:^|[\s_,/=])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
 _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 
 DataSet = TypeVar("DataSet", bound=TableData)
@@ -354,6 +355,10 @@ class TableLayout:
                 _key(str(heading)) not in headings,
                 f"{self.name}: no column is {heading}; there are {listed(self.others)}",
             )
+            refuse(
+                headings[_key(heading)] not in self.others,
+                f"{self.name}: {heading} may be one group: got it twice",
+            )
             self.groups[name] = self.others.pop(headings[_key(heading)])
 
     def noted(self, ending: str) -> "TableLayout":
@@ -461,6 +466,10 @@ def _key(heading: str) -> str:
 
 def _unit_in(heading: str) -> tuple[str, bool]:
     """The unit that a heading tells, "" for none, and whether it stands in brackets."""
+    heading = unicodedata.normalize("NFKC", heading)
+    for bracket in reversed(re.findall(r"[\[({<【]([^\[({<【]+)[\])}>】]", heading)):
+        if (unit := re.sub(r"\s", "", _letters(bracket))) in _KNOWN:
+            return unit, True
     if bracket := re.search(r"[\[({<]([^\[({<]+)[\])}>]\W*$", heading):
         return re.sub(r"\s", "", _letters(bracket[1])), True
     tail = _TAIL.search(_letters(heading))

@@ -396,7 +396,8 @@ def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
     first, second = ({group.name: set(group.levels) for group in fit.observations.groups} for fit in fits)
     for group in sorted(first.keys() ^ second.keys()):
         of, other = names if group in first else names[::-1]
-        if len(first.get(group, second.get(group, set()))) > 1 and (first and second):
+        has = fits[group not in first]
+        if first and second and any(x.group == group for x in has.effects):
             return (
                 f"Whether {names[0]} and {names[1]} differ cannot be told: the runs of {of} have a {group}, those of "
                 f"{other} have none; label both, or leave it out of both by groups."

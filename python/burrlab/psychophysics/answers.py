@@ -288,7 +288,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     """
     runs: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
-        if not side_car_path(path).exists() and path.read_bytes().count(b"\n") < 2:
+        if not side_car_path(path).exists() and len(path.read_bytes().splitlines()) < 2:
             continue  # killed while its files were made: nobody was asked
         answers, label = read_answers(path), path.parents[1].name
         refuse(

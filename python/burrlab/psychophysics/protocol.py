@@ -562,9 +562,8 @@ class Protocol:
             for level in design.extremes():  # a level that no bone has would end the run in its trial
                 try:
                     below = rendered("the comparison", design.comparison(level))
-                    tissues_of(
-                        rendered("the reference", design.reference), below
-                    ) if design.boundary else None
+                    if design.boundary is not None:
+                        tissues_of(rendered("the reference", design.reference), below)
                 except ValueError as error:
                     raise file.error(f"level {level:g} of task {task} cannot be rendered: {error}") from None
         return protocol

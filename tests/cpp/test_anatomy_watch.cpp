@@ -1,5 +1,7 @@
 // A watch beside the tick: no allocation, even when its events are full; the last nearest voxel changes
 // nothing; an executor's watch sees the same as one called by hand.
+#include <cmath>
+#include <limits>
 #include <memory>
 #include <random>
 
@@ -274,6 +276,11 @@ void refusals() {
                "watch must be of the session's burrs");
   all.push_back(structures(*other, limits)[0]);
   CHECK_THROWS(AnatomyWatch(all, {1.0}), "structures must be of one bone");
+  const StructureSearch search(*bone, 1);
+  for (const double x : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    NearestVoxel nearest;
+    CHECK(std::isinf(search.distance(Vec3(x, 0.0, 0.0), nearest)) && !nearest.any);
+  }
 }
 
 }  // namespace

@@ -242,19 +242,12 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCa
         "2ifc": {"R": "reference"} if car.design.get("boundary_mm") is None else {},
     }[car.task]
     names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
-    levels = (
-        {f"{level:.9g}" for level in car.design["levels"]}
-        if car.design["design"] == "constant-stimuli"
-        else None
-    )
+    fixed = car.design["levels"] if car.design["design"] == "constant-stimuli" else ()
+    levels = {f"{level:.9g}" for level in fixed}
     for line, row in rows:
         refuse(
             "parameter" in car.design
-            and (
-                row.level is None
-                or row.level == 1.0
-                or f"{row.level:.9g}" not in (levels or {f"{row.level:.9g}"})
-            ),
+            and (row.level in (None, 1.0) or (levels and f"{row.level:.9g}" not in levels)),
             f"{file}, line {line}, column level: must be one of the design's, got {row.level}",
         )
         expected = [names.get(letter) for letter in ([""] if "" in names else []) + list(row.trial_type)]

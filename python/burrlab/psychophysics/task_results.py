@@ -804,7 +804,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
             ax.plot(ends, [row] * len(ends), "|-", color=VELOCITY, linewidth=1.2, markersize=5)
             ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
             if len(ends) < 2:
-                ax.annotate("", (float(group[2] > 1.0), row), (group[0], row), xycoords=ax.get_yaxis_transform(),
+                ax.annotate("", (float(group[2] > 1.0), row), (group[1], row), xycoords=ax.get_yaxis_transform(),
                             textcoords="data", arrowprops={"arrowstyle": "->", "color": VELOCITY, "linewidth": 1.2})  # fmt: skip
         ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
         some = any(interval is not None for *_, interval in thresholds) or group is not None

@@ -5,7 +5,9 @@
 
 #include "loop_scenes.hpp"
 #include "session/follower.hpp"
+#include "session/hand_device.hpp"
 #include "session/realtime.hpp"
+#include "session/scripted_device.hpp"
 
 using namespace burrlab;
 using namespace scenes;
@@ -111,6 +113,30 @@ void comes_back() {
   }
 }
 
+/// What moves by itself stands still while another device waits.
+void others_wait() {
+  Vec3 reached[2];
+  for (const int awaited : {0, 50}) {
+    const auto hand = std::make_shared<HandDevice>(HandSettings{});
+    const auto script = std::make_shared<ScriptedDevice>(
+        std::vector<ScriptedDevice::Row>{{0.0, Vec3(0.0, 0.0, 9.0)}, {0.02, Vec3(1.0, 0.0, 9.0)}});
+    for (const std::shared_ptr<Device>& simulated :
+         {std::shared_ptr<Device>(hand), std::shared_ptr<Device>(script)}) {
+      const auto arm = std::make_shared<TestDevice>();
+      arm->what = [awaited](int n, DeviceReading& r) {
+        if (n < awaited) r.status = DeviceReading::Status::waiting;
+      };
+      HapticLoop loop(executor(1.0, 2), {simulated, arm}, virtual_clock(simulated == hand ? 20 : 1000));
+      loop.start();
+      CHECK(loop.wait(20.0));
+      loop.stop();
+      CHECK(loop.counts().ticks == 20);
+    }
+    reached[awaited > 0] = hand->position();
+  }
+  CHECK(reached[0] == reached[1] && reached[0][2] < 3.5);
+}
+
 /// The loop hangs in a device: the force is zero before the device returns.
 void stall() {
   Run run(LoopSettings{});
@@ -193,6 +219,7 @@ int main() {
   ends();
   stops();
   comes_back();
+  others_wait();
   stall();
   device_that_does_not_start();
   zero_before_stop();

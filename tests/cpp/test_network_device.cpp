@@ -105,6 +105,18 @@ void test_stop() {
   }
 }
 
+/// The last position of an earlier session does not end the next one.
+void test_reuse() {
+  MailboxDevice device(30.0);
+  device.put(Vec3(0.0, 0.0, 1.0), Vec3::Zero(), true);
+  std::this_thread::sleep_for(std::chrono::milliseconds(40));
+  CHECK(device.read(0, 1).status == DeviceReading::Status::lost);
+  device.start(1e-3);
+  CHECK(device.read(0, 1).status == DeviceReading::Status::waiting);
+  device.put(Vec3(0.0, 0.0, 2.0), Vec3::Zero(), true);
+  CHECK(device.read(0, 1).position[2] == 2.0);
+}
+
 void test_device() {
   Server server;
   IgtlDevice device("127.0.0.1", server.port());
@@ -131,5 +143,6 @@ int main() {
   test_drops_and_reconnects();
   test_stop();
   test_device();
+  test_reuse();
   return check::report();
 }

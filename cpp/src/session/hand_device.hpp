@@ -41,6 +41,7 @@ class HandDevice : public SentForceDevice {
 
   void start(double period) override;
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  bool simulated() const noexcept override { return true; }
   void write(const Vec3& force) noexcept override;
   std::string name() const override { return "simulated hand"; }
   DeviceModel model() const override {

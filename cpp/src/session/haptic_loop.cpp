@@ -264,44 +264,51 @@ void HapticLoop::run() {
   running_.store(false, std::memory_order_release);
 }
 
+// False if the session ends.
+bool HapticLoop::read_device(std::size_t i, std::uint64_t periods, double time, bool& waiting) {
+  using Status = DeviceReading::Status;
+  DeviceReading reading = devices_[i]->read(time, periods);
+  const auto who = [i] { return "device " + std::to_string(i); };
+  if (reading.status == Status::finished) return end(who() + " has come to its end", false), false;
+  if (reading.status == Status::lost) {
+    halt_devices();
+    const std::string why = devices_[i]->fault();
+    const std::string old =
+        "its last position is " + std::to_string(int(std::min(reading.age, 1e9))) + " ms old";
+    end(who() + " was lost: " + (why.empty() ? old : why), true);
+    return false;
+  }
+  if (reading.buttons & settings_.stop_buttons) {
+    halt_devices();
+    return end("a stop button of " + who() + " was pressed", false), false;
+  }
+  waiting |= reading.status == Status::waiting;
+  if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
+  if (!reading.position.allFinite() || !reading.velocity.allFinite()) {
+    halt_devices();
+    return end(who() + " gave a position or velocity that is not finite", true), false;
+  }
+  if (!is_unit(reading.orientation)) {
+    halt_devices();
+    return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
+  }
+  BurrRecord& burr = record_.burr[i];
+  set(burr.center, reading.position);
+  set(burr.device_position, reading.position);
+  set(burr.device_velocity, reading.velocity);
+  burr.age = reading.age;
+  burr.orientation = reading.orientation;
+  burr.buttons = reading.buttons;
+  burr.on = reading.on;
+  return true;
+}
+
 // False if the session ends. A coupling moves the burr off the device.
 bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting) {
-  using Status = DeviceReading::Status;
-  for (std::size_t i = 0; i < devices_.size(); ++i) {
-    DeviceReading reading = devices_[i]->read(time, periods);
-    const auto who = [i] { return "device " + std::to_string(i); };
-    if (reading.status == Status::finished) return end(who() + " has come to its end", false), false;
-    if (reading.status == Status::lost) {
-      halt_devices();
-      const std::string why = devices_[i]->fault();
-      const std::string old =
-          "its last position is " + std::to_string(int(std::min(reading.age, 1e9))) + " ms old";
-      end(who() + " was lost: " + (why.empty() ? old : why), true);
-      return false;
-    }
-    if (reading.buttons & settings_.stop_buttons) {
-      halt_devices();
-      return end("a stop button of " + who() + " was pressed", false), false;
-    }
-    waiting |= reading.status == Status::waiting;
-    if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
-    if (!reading.position.allFinite() || !reading.velocity.allFinite()) {
-      halt_devices();
-      return end(who() + " gave a position or velocity that is not finite", true), false;
-    }
-    if (!is_unit(reading.orientation)) {
-      halt_devices();
-      return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
-    }
-    BurrRecord& burr = record_.burr[i];
-    set(burr.center, reading.position);
-    set(burr.device_position, reading.position);
-    set(burr.device_velocity, reading.velocity);
-    burr.age = reading.age;
-    burr.orientation = reading.orientation;
-    burr.buttons = reading.buttons;
-    burr.on = reading.on;
-  }
+  for (std::size_t i = 0; i < devices_.size(); ++i)
+    if (!devices_[i]->simulated() && !read_device(i, periods, time, waiting)) return false;
+  for (std::size_t i = 0; i < devices_.size() && !waiting; ++i)
+    if (devices_[i]->simulated() && !read_device(i, periods, time - waited_, waiting)) return false;
   if (waiting || couplings_.empty()) return true;
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     BurrRecord& burr = record_.burr[i];
@@ -351,6 +358,7 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
   bool waiting = false;
   if (!read_devices(periods, time, waiting)) return false;
   if (waiting) {
+    waited_ += 1e-9 * double(period_) * double(periods);
     if (ticks_.load(std::memory_order_relaxed) > 0) rest_devices();
     return true;
   }

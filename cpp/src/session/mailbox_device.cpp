@@ -1,5 +1,7 @@
 #include "session/mailbox_device.hpp"
 
+#include <algorithm>
+
 #include "quaternion.hpp"
 #include "require.hpp"
 #include "session/realtime.hpp"
@@ -37,12 +39,18 @@ void MailboxDevice::start(double) {
   if (failed_.load(std::memory_order_acquire))
     throw InvalidArgument(name_ + " must be opened anew: " + fault_);
   resume();
+  in_.get(last_);
+  old_ = age() > lost_after_ ? last_.time : 0;
+}
+
+double MailboxDevice::age() const noexcept {
+  return std::max(1e-6 * double(steady_now() - std::int64_t(last_.time)), 0.0);
 }
 
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
-  if (last_.time == 0) reading.status = DeviceReading::Status::waiting;
+  if (last_.time == old_) reading.status = DeviceReading::Status::waiting;
   if (failed_.load(std::memory_order_acquire)) reading.status = DeviceReading::Status::lost;
   if (reading.status != DeviceReading::Status::ok) return reading;
   reading.position = to_vector(last_.position);
@@ -50,8 +58,7 @@ DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   reading.orientation = last_.orientation;
   reading.buttons = last_.buttons;
   reading.on = last_.on != 0;
-  const auto here = std::uint64_t(steady_now());
-  reading.age = here > last_.time ? 1e-6 * double(here - last_.time) : 0.0;
+  reading.age = age();
   if (reading.age > lost_after_) reading.status = DeviceReading::Status::lost;
   return reading;
 }

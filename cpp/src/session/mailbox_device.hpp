@@ -10,7 +10,8 @@ namespace burrlab {
 /// Holds the newest position and its age; the device is lost when it is older than `lost_after`.
 class MailboxDevice : public SentForceDevice {
  public:
-  /// lost_after [ms]; `name` for the report. Without a first position the device is awaited, not lost.
+  /// lost_after [ms]; `name` for the report. Until a position of this session comes the device is awaited,
+  /// not lost.
   explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox");
 
   /// Sets position [mm], velocity [mm/s], switch, orientation and buttons (DeviceReading); throws if a number
@@ -33,6 +34,7 @@ class MailboxDevice : public SentForceDevice {
               const Quaternion& orientation, std::uint8_t buttons);
 
  private:
+  double age() const noexcept;  // of the last letter [ms]
   struct Letter {
     std::array<double, 3> position, velocity;
     Quaternion orientation;
@@ -41,6 +43,7 @@ class MailboxDevice : public SentForceDevice {
   };
   Latest<Letter> in_;
   Letter last_{};
+  std::uint64_t old_ = 0;  // time of the letter that was too old at the session's start
   std::atomic<bool> failed_{false};
   double lost_after_;
   std::string name_, fault_;  // the fault is written once, before failed_

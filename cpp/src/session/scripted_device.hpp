@@ -23,6 +23,7 @@ class ScriptedDevice : public SentForceDevice {
 
   void start(double) override { resume(); }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  bool simulated() const noexcept override { return true; }
   std::string name() const override { return "script"; }
 
   double duration() const { return rows_.back().time; }  ///< [s]
@@ -43,6 +44,7 @@ class ReplayDevice : public SentForceDevice {
     resume();
   }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  bool simulated() const noexcept override { return true; }
   std::string name() const override { return "replay"; }
 
   std::size_t size() const { return ticks_.size(); }

@@ -64,6 +64,8 @@ class BURRLAB_API Device {
   virtual std::string name() const = 0;             ///< for the session's report
   virtual std::string fault() const { return {}; }  ///< why it was lost, empty if it does not say
   virtual DeviceModel model() const { return {}; }  ///< what it knows of itself
+  /// It moves by itself. While another device waits it is not read, and its `time` stands still.
+  virtual bool simulated() const noexcept { return false; }
 
   /// A loop claims the device; false if another has it.
   bool claim() noexcept { return !claimed_.exchange(true, std::memory_order_acq_rel); }

@@ -89,6 +89,7 @@ class BURRLAB_API HapticLoop {
   void watch();
   bool tick(std::uint64_t periods, double time);  // false: the session ends
   bool read_devices(std::uint64_t periods, double time, bool& waiting);
+  bool read_device(std::size_t burr, std::uint64_t periods, double time, bool& waiting);
   bool send_forces(double dt);
   void rest_devices() noexcept;
   void end(const std::string& reason, bool failed);
@@ -107,6 +108,7 @@ class BURRLAB_API HapticLoop {
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::weak_ptr<const RecordReader>> readers_;
   TickRecord record_;
+  double waited_ = 0.0;               // for devices [s]
   std::vector<ForceGuard> guards_;    // one per burr, as the next three
   std::vector<FramedDevice> frames_;  // or none
   std::vector<VirtualCoupling> couplings_;

@@ -106,30 +106,29 @@ def _selection(task: Task) -> list[str]:
 def columns(task: Task) -> list[ReportColumn]:
     """Columns of the table of subjects."""
     listing: list[ReportColumn] = [("", "subject", [subject.subject for subject in task.subjects])]
+    percent = f"{100 * task.level:g} %"
     if isinstance(task, ThresholdTask):
-        ones = task.subjects
-        intervals = [
-            "" if subject.interval is None else "{:.3f} to {:.3f}".format(*subject.interval)
-            for subject in ones
+        listing += [
+            ("", name or percent, list(map(cell, task.subjects))) for name, cell in _THRESHOLD_CELLS.items()
         ]
-        return [
-            *listing, ("", "trials", [str(subject.trials) for subject in ones]),
-            ("", "threshold", ["" if subject.threshold is None else f"{subject.threshold:.3f}" for subject in ones]),
-            *([("", f"{100 * task.level:g} %", intervals)] if any(intervals) else []),
-        ]  # fmt: skip
+        return listing if any(listing[-1][2]) else listing[:-1]
     listing += [
         (group.format(COUNTED[task.task]), name, list(map(cell, task.subjects)))
         for group, name, cell in _SCORE_CELLS
     ]
-    for rule in task.rules:
-        of_rule = [subject.of_rule(rule) for subject in task.subjects]
-        listing += [
-            (f"d', {rule}", name or f"{100 * task.level:g} %", list(map(cell, of_rule)))
-            for name, cell in _D_PRIME_CELLS.items()
-        ]
+    listing += [
+        (f"d', {rule}", name or percent, [cell(subject.of_rule(rule)) for subject in task.subjects])
+        for rule in task.rules for name, cell in _D_PRIME_CELLS.items()
+    ]  # fmt: skip
     return listing
 
 
+#: Columns of thresholds. The column without a name is the interval, which is left out if nobody has one.
+_THRESHOLD_CELLS: Mapping[str, Callable[[SubjectThreshold], str]] = {
+    "trials": lambda subject: str(subject.trials),
+    "threshold": lambda subject: "" if subject.threshold is None else f"{subject.threshold:.3f}",
+    "": lambda subject: "" if subject.interval is None else "{:.3f} to {:.3f}".format(*subject.interval),
+}
 #: Columns of scores: group, name, cell. {} is the answer that is counted.
 _SCORE_CELLS: tuple[tuple[str, str, Callable[[SubjectResult], str]], ...] = (
     ("", "score", lambda subject: f"{subject.counts.score}/{subject.counts.trials}"),
@@ -198,25 +197,21 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
         if subject.catch is not None:
             _, right, caught = subject.catch
             share = scipy.stats.binomtest(right, caught).proportion_ci(task.level)
-            low, high = 2.0 * (1.0 - share.high), 2.0 * (1.0 - share.low)
             lines.append(
                 f"{subject.subject}: {right} of {caught} catch trials right, so lapses (random answers) in "
-                f"{100 * max(low, 0.0):.0f} to {100 * min(high, 1.0):.0f} %"
+                f"{100 * max(2.0 * (1.0 - share.high), 0.0):.0f} to {100 * min(2.0 * (1.0 - share.low), 1.0):.0f} %"
             )
     if (group := task.group_threshold) is not None:
+        end = f"{group[2]:.3f}" if 0.0 < group[2] < math.inf else "no end, as the subjects differ much"
         lines.append(
-            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {_end_text(group[2])} (geometric mean "
-            f"of |ln ratio|, by t, the subject as the unit)"
+            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {end} (geometric mean of |ln ratio|, by t, "
+            "the subject as the unit)"
         )
         if any(subject.open for subject in task.subjects):
             lines.append(
                 "Some of these thresholds may lie beyond the levels: then that of the group and its interval are wrong."
             )
     return lines
-
-
-def _end_text(end: float) -> str:
-    return f"{end:.3f}" if 0.0 < end < math.inf else "no end, as the subjects differ much"
 
 
 def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
@@ -429,21 +424,20 @@ class Analysis(InJson):
 def _apart(task: ThresholdTask, tasks: Iterable[Task]) -> str:
     """What tells a task's references from those of like tasks along another direction: the tasks' name."""
     held = {"c_e": "alpha", "alpha": "c_e"}[task.design["parameter"]]
-    like = [x for x in tasks if isinstance(x, ThresholdTask) and _way(x.design) == _way(task.design)]
     by_name: dict[str, list[float]] = {}
-    for other in like:
-        by_name.setdefault(other.name.rstrip("0123456789"), []).append(
-            other.design["reference"].get(PARAMETER_KEYS[held], 0.0)
-        )
-    one = len({f"{value:.9g}" for values in by_name.values() for value in values}) == 1
+    for other in tasks:
+        if isinstance(other, ThresholdTask) and _way(other.design) == _way(task.design):
+            by_name.setdefault(other.name.rstrip("0123456789"), []).append(
+                other.design["reference"].get(PARAMETER_KEYS[held], 0.0)
+            )
+    differ = len({f"{value:.9g}" for values in by_name.values() for value in values}) > 1
     several = len(by_name) > 1 and min(map(len, by_name.values())) > 1
-    return f", {task.name.rstrip('0123456789')}" * (several and not one)
+    return f", {task.name.rstrip('0123456789')}" * (several and differ)
 
 
 def _way(design: Mapping[str, Any]) -> tuple[Any, ...]:
     """How a design varies its parameter, whatever the reference."""
-    keys = ("parameter", "mode", "hold", "boundary_mm", "foil")
-    return tuple(design.get(key) for key in keys)
+    return tuple(map(design.get, ("parameter", "mode", "hold", "boundary_mm", "foil")))
 
 
 def analyse(
@@ -559,8 +553,7 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
     before: dict[str, list[str]] = {}
     for task in tasks:
         for subject in task.subjects:
-            was = subject.protocol.get("analysis", {}).get("delta")
-            if was != delta:
+            if (was := subject.protocol.get("analysis", {}).get("delta")) != delta:
                 runs = before.setdefault("none" if was is None else f"{was:g}", [])
                 runs.append(f"{subject.subject} of {task.name}")
     if not before:

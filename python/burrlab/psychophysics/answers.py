@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import burrlab.common.table as table
 from burrlab._core import __version__
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
 from burrlab.psychophysics.designs import PARAMETER_KEYS, Order
@@ -118,7 +118,7 @@ class Answers(table.Tabular):
         kind = "a simulated subject" if self.simulated else "subject"
         practice = len(self.rows) - len(self.main)
         text = f"Answers({kind} {self.subject}, task {self.name} ({self.task}), {len(self.main)} answers"
-        return "; ".join([text + (f" and {practice} in practice" if practice else ""), *self.notes]) + ")"
+        return "; ".join([text + f" and {practice} in practice" * bool(practice), *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
         columns = {name: ["" if x is None else x for x in values] for name, values in self._table().items()}
@@ -214,10 +214,8 @@ def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] 
         refuse(column not in text_table.columns, f"{file}, line 1: column {column} is missing")
     reader = RowReader(task, answers)
     for number, fields in text_table.rows:
-        try:
+        with amend_error(f"{file}, line {number}, "):
             reader.add(number, reader.parse(fields))
-        except ValueError as error:
-            raise ValueError(f"{file}, line {number}, {error}") from None
     return reader
 
 
@@ -576,11 +574,8 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
             raise ValueError(f"{self.path} is closed")
         line = as_text(answer, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
-        try:
-            # Parsed as it will be read: no row is written that cannot be read back.
+        with amend_error("answer: "):  # parsed as it will be read: no row is written that cannot be read back
             row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
-        except ValueError as error:
-            raise ValueError(f"answer: {error}") from None
         synced_write(self._file, self.path, line)
         self._lines += 1
         self._reader.add(self._lines, row)

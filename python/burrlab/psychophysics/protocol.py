@@ -7,7 +7,7 @@ import sys
 import tomllib
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from burrlab.bone.image import OccupancyMap, checked_point
 from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import amend_error, refuse, shown
 from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
@@ -146,13 +146,9 @@ class TomlTable:
         if broken:
             raise self.error(sentence)
 
-    @contextmanager
-    def errors(self) -> Iterator[None]:
+    def errors(self) -> AbstractContextManager[None]:
         """A context whose errors get the place of this table."""
-        try:
-            yield
-        except (ValueError, TypeError, OSError) as error:
-            raise self.error(error) from None
+        return amend_error(str(self.error("")), kinds=(ValueError, TypeError, OSError))
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
@@ -230,13 +226,11 @@ def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
         )
         material = None
         if not stimulus.get("real", _FLAG, default=False):
-            numbers = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
-            options = {key: stimulus.get(key, _TEXT, default=None) or None for key in ("shape", "source")}
+            options = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
+            options |= {key: stimulus.get(key, _TEXT, default=None) for key in ("shape", "source")}
             options |= {key: stimulus.get(key, _NUMBER, default=None) for key in PAPER_LAW}
             with stimulus.errors():
-                material = Material(
-                    name, **numbers, **{key: x for key, x in options.items() if x is not None}
-                )
+                material = Material(name, **{key: x for key, x in options.items() if x is not None})
         stimuli[name] = Stimulus(name, material)
         stimulus.done()
     return stimuli
@@ -321,10 +315,8 @@ def _check_labels(table: TomlTable, what: str, labels: list[str]) -> None:
 def device_of(table: TomlTable, folder: Path) -> str:
     """The device of [experiment]; the path of a script is relative to the folder."""
     text = table.get("device", _TEXT, default="hand")
-    try:
+    with table.errors(), amend_error("device "):
         device = parse_device(text)
-    except ValueError as error:
-        raise table.error(f"device {error}") from None
     return f"scripted:{folder / device.file}" if device.kind == "scripted" else str(text)
 
 
@@ -554,18 +546,15 @@ class Protocol:
         for task, design in protocol.tasks.items():
             if not isinstance(design, ComparisonDesign):
                 continue
-            depths = design.boundary or (0.0, 0.0)
             file.refuse(
-                depths[1] >= bone.size[2],
+                design.boundary is not None and design.boundary[1] >= bone.size[2],
                 f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
             )
             for level in design.extremes():  # a level that no bone has would end the run in its trial
-                try:
+                with file.errors(), amend_error(f"level {level:g} of task {task} cannot be rendered: "):
                     below = rendered("the comparison", design.comparison(level))
                     if design.boundary is not None:
                         tissues_of(rendered("the reference", design.reference), below)
-                except ValueError as error:
-                    raise file.error(f"level {level:g} of task {task} cannot be rendered: {error}") from None
         return protocol
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
@@ -731,8 +720,10 @@ class Protocol:
         return digest(self.to_dict())
 
     def __repr__(self) -> str:
-        tasks = ", ".join(self.tasks)
-        return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
+        return (
+            f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {', '.join(self.tasks)}, "
+            f"digest {self.digest[:12]})"
+        )
 
     def _known(self, what: str, name: str, names: Collection[str]) -> str:
         refuse(name not in names, f"{self.path}: there is no {what} {name!r}; there are {', '.join(names)}")

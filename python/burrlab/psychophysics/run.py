@@ -25,7 +25,7 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.psychophysics.answers import AnswerFile
 from burrlab.psychophysics.designs import Draws, Interval, Mode, Order, Stimulus, TaskDesign, Trial
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
@@ -163,12 +163,10 @@ class Keyboard:
             raise KeyboardInterrupt(_CLOSED) from None
 
     def _read(self) -> bytes:
-        try:
-            typed = os.read(self._file, 1024)
-        except OSError:
-            typed = b""
-        refuse(not typed, _CLOSED, KeyboardInterrupt)
-        return typed
+        with contextlib.suppress(OSError):
+            if typed := os.read(self._file, 1024):
+                return typed
+        raise KeyboardInterrupt(_CLOSED)
 
     def pressed(self, keys: str, seconds: float | None = None) -> str | None:
         """The first of these keys that is pressed; None if none is pressed within the time [s].
@@ -472,14 +470,11 @@ class Runner:
                 for _ in range(pair[0].answered, pair[0]._order.total)
                 if pair[1].block == block
             ]
-            place = 0
-            if len(runners) > 1:
-                text = {
-                    "asked": len(self._answered),
-                    "files": sorted(each._file.path.name for each in runners),
-                }
-                place = Draws(self._protocol.seed, "interleaved", text).below(len(turns))
-            runner, trial = turns[place]
+            state = {
+                "asked": len(self._answered),
+                "files": sorted(each._file.path.name for each in runners),
+            }
+            runner, trial = turns[Draws(self._protocol.seed, "interleaved", state).below(len(turns))]
             runner._ask(trial)
         return sum(runner.answered - runner._before for runner in runners)
 
@@ -527,7 +522,6 @@ class Runner:
     def _welcome(self, first: Trial) -> None:
         answers = zip(self._protocol.keys, self._design.answers, strict=True)
         keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
-        again = "You go on where you stopped. " * bool(self._answered)
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
         count = {2: "two", 3: "three"}[len(long)]
@@ -538,7 +532,7 @@ class Runner:
         )
         self.seat.progress("")
         self.seat.ready(
-            f"{again}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
+            f"{'You go on where you stopped. ' * bool(self._answered)}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
@@ -567,16 +561,18 @@ class Runner:
         self.seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
         stimuli = ", ".join(f"{i.stimulus.name} ({_constants(i)})" for i in trial.intervals)
-        kind = ", catch" * (trial.phase == "catch")
         self.experimenter.say(
-            f"trial {trial.number} ({place}{kind}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
+            f"trial {trial.number} ({place}{', catch' * (trial.phase == 'catch')}), {trial.trial_type}{level}: {stimuli}; "
+            f"right is {trial.correct}"
         )
 
     def _interval(self, trial: Trial, number: int) -> _Felt:
         interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
         real = interval.stimulus.material is None
-        do = "Take the real specimen." if real else "Lift the burr clear of the material."
-        self.seat.ready(f"Next: {name.lower()}.\n\n{do}")
+        self.seat.ready(
+            f"Next: {name.lower()}.\n\n"
+            + ("Take the real specimen." if real else "Lift the burr clear of the material.")
+        )
         if self._live and not real:
             self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
@@ -810,10 +806,10 @@ class Sitting:
             try:
                 answer_count = first.run(*others)
             except BaseException as error:
-                on = f"; {self._again} goes on" if self._again else ""
                 for runner in runners:
                     runner.experimenter.say(
-                        f"ended early, {type(error).__name__}: {runner.answered} trials are answered{on}"
+                        f"ended early, {type(error).__name__}: {runner.answered} trials are answered"
+                        + (f"; {self._again} goes on" if self._again else "")
                     )
                 raise
             finally:
@@ -873,10 +869,8 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     OSError
         If the script cannot be read.
     """
-    try:
+    with amend_error("device "):
         device = parse_device(text)
-    except ValueError as error:
-        raise ValueError(f"device {error}") from None
     if device.kind == "hand":
         return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
     if device.kind in ("igtl", "vrpn"):  # each interval has its own connection

@@ -15,7 +15,7 @@ from typing import Any
 
 import burrlab.common.table as table
 from burrlab._core import __version__
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import amend_error, refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import Phase, Trial
 from burrlab.psychophysics.interval import ENDINGS, Rendered
@@ -156,8 +156,7 @@ def is_optional(column: str) -> bool:
 
 def as_text(row: AnswerRow, columns: Sequence[str]) -> bytes:
     """The line of a row in a file with these columns."""
-    fields = row.fields()
-    values = [fields.get(column) for column in columns]
+    values = [*map(row.fields().get, columns)]
     endless = [value for value in values if isinstance(value, float) and not math.isfinite(value)]
     refuse(endless, f"a number must be finite, got {', '.join(map(repr, endless))}")
     return table.line([table.tsv_text(value) for value in values])
@@ -202,10 +201,8 @@ class RowReader:
         """
         fields_read: dict[str, Any] = {}
         for column in filter(fields.__contains__, columns_of(self.task)):
-            try:
+            with amend_error(f"column {column}: "):
                 fields_read[column] = self._read[_unnumbered(column)](fields[column])
-            except ValueError as error:
-                raise ValueError(f"column {column}: {error}") from None
         for column, name in _NUMBERED.items():
             columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
             if fields_read.keys() & columns:
@@ -404,9 +401,8 @@ class SideCar:
         """Columns of a new file; with those of clipping where the device may have limits of its own."""
         own = self.device.partition(":")[0] in ("touch", "omega", "haply", "driver")
         limited = own or "limits" in self.protocol.get("experiment", {})
-        layered = self.design.get("boundary_mm") is not None
-        without = ("clipped",) * (not limited) + ("boundary", "reached") * (not layered)
-        return columns_of(self.task, without=without)
+        plain = self.design.get("boundary_mm") is None
+        return columns_of(self.task, without=("clipped",) * (not limited) + ("boundary", "reached") * plain)
 
     def differences(self, other: "SideCar", *, across_subjects: bool = False) -> tuple[str, ...]:
         """Relevant changes in another run of this task, in sentences; empty if none.
@@ -521,10 +517,8 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
         values = json.loads(file.read_bytes())
     except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
-    try:
+    with amend_error(f"{file}: "):
         return SideCar.from_dict(values) if isinstance(values, dict) and _KEY in values else None
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
 
 
 def digest(protocol: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from burrlab.bone.materials import material_of
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import amend_error, refuse, shown
 from burrlab.psychophysics.designs import (
     ABX,
     ComparisonDesign,
@@ -52,6 +52,12 @@ class Staircased(ComparisonDesign):
     @abstractmethod
     def easy_level(self) -> float:
         """The level of practice trials."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
+        whole("catch", self.catch, at_least=0)
+        refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
 
     def order(self, *, seed: int, subject: str) -> "StaircaseOrder":
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
@@ -109,8 +115,9 @@ class StaircaseOrder(Order):
             )
             if phase == "practice" or level is not None:
                 at = level if phase == "main" and level is not None else design.easy_level()
-                kind = self._kinds[phase][number], at
-                self._next = design._trial(self._draws, kind, number + 1, phase, block)
+                self._next = design._trial(
+                    self._draws, (self._kinds[phase][number], at), number + 1, phase, block
+                )
         return self._next
 
     def answer(self, response: str, *, lost: bool = False) -> None:
@@ -237,9 +244,6 @@ class Staircase(Staircased):
         whole("down", self.down, at_least=1)
         whole("discard", self.discard, at_least=0)
         whole("reversals", self.reversals, at_least=2, multiple=2, why=" (peaks and valleys in pairs)")
-        whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
-        whole("catch", self.catch, at_least=0)
-        refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
         refuse(
             self.target <= self.chance,
             f"down and up_weight must aim above chance, 0.5, got {self.down} and {self.up_weight:g}, which aim "
@@ -293,10 +297,9 @@ class StaircaseTrack:
     """State of a staircase."""
 
     def __init__(self, design: Staircase) -> None:
-        assert design.limit is not None
         self._design = design
         self._side = math.copysign(1.0, math.log(design.start))
-        self._difference, self._limit = abs(math.log(design.start)), abs(math.log(design.limit))
+        self._difference, self._limit = (abs(math.log(x)) for x in (design.start, *design.extremes()))
         self._right = self._trials = self._at_limit = self._direction = 0
         self._reversals: list[float] = []
 
@@ -530,9 +533,6 @@ class AdaptiveStaircase(Staircased):
             f"levels must be on one side of 1, the nearer first, got {near:g} and {far:g}",
         )
         object.__setattr__(self, "levels", (near, far))
-        whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
-        whole("catch", self.catch, at_least=0)
-        refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
 
     def easy_level(self) -> float:
         return self.levels[1]
@@ -694,12 +694,9 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
             f"design {kind} needs {name}, which is missing",
         )
     present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
-    try:
-        options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
-        return DESIGNS[kind](**options)
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"design {kind} has a value that is missing or wrong: {error}") from None
-
-
-def _stimulus(values: Mapping[str, Any]) -> Stimulus:
-    return Stimulus(values["name"], None if values.get("real") else material_of(values, values["material"]))
+    with amend_error(f"design {kind} has a value that is missing or wrong: ", kinds=(KeyError, TypeError)):
+        for name, x in present.items():
+            if isinstance(x, Mapping):
+                material = None if x.get("real") else material_of(x, x["material"])
+                present[name] = Stimulus(x["name"], material)
+        return DESIGNS[kind](**present)

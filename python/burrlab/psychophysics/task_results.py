@@ -11,7 +11,7 @@ import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from burrlab.common.check import refuse
+from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.designs import TaskDesign
@@ -152,14 +152,21 @@ class TaskData:
         )
 
 
-def level_counts(rows: Iterable[AnswerRow]) -> tuple[tuple[float, int, int], ...]:
-    """(level, correct answers, trials) of the rows that have a level, by level, alike to nine digits."""
-    counts: dict[str, tuple[float, int, int]] = {}
-    for row in rows:
-        if row.level is not None:
-            level, right, trials = counts.get(text := f"{row.level:.9g}", (row.level, 0, 0))
-            counts[text] = level, right + row.correct, trials + 1
-    return tuple(sorted(counts.values()))
+Level: TypeAlias = tuple[float, int, int]
+
+
+def summed(rows: Iterable[Level]) -> Iterable[Level]:
+    """(level, correct answers, trials), summed by level, alike to nine digits."""
+    sums: dict[str, Level] = {}
+    for level, right, trials in rows:
+        level, right_before, before = sums.get(text := f"{level:.9g}", (level, 0, 0))
+        sums[text] = level, right_before + right, before + trials
+    return sums.values()
+
+
+def level_counts(rows: Iterable[AnswerRow]) -> tuple[Level, ...]:
+    """(level, correct answers, trials) of the rows that have a level, by level."""
+    return tuple(sorted(summed((row.level, row.correct, 1) for row in rows if row.level is not None)))
 
 
 def design_text(design: Mapping[str, Any]) -> str:
@@ -196,6 +203,11 @@ class OneSubject:
     subject: str
     planned: int | None
     simulated: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.planned is None or self.trials >= self.planned  # type: ignore[attr-defined, no-any-return]
 
 
 Subject = TypeVar("Subject", bound=OneSubject)
@@ -380,11 +392,6 @@ class SubjectResult(OneSubject):
     def trials(self) -> int:
         """Answered trials of the main phase."""
         return self.counts.trials
-
-    @property
-    def complete(self) -> bool:
-        """Whether all planned trials were answered."""
-        return self.planned is None or self.trials >= self.planned
 
     def of_rule(self, rule: str) -> DPrime:
         """d' under a rule.
@@ -677,11 +684,6 @@ class SubjectThreshold(OneSubject):
     pressed: float | None = None
 
     @property
-    def complete(self) -> bool:
-        """Whether all planned trials were answered."""
-        return self.planned is None or self.trials >= self.planned
-
-    @property
     def open(self) -> bool:
         """Whether the threshold may lie beyond the levels."""
         x = self.estimate
@@ -693,13 +695,9 @@ class SubjectThreshold(OneSubject):
 
     def rendered(self) -> list[tuple[float, int, int]]:
         """`levels` and the catch trials, by level, without what is `clipped`."""
-        left: dict[str, tuple[float, int, int]] = {}
         caught = () if self.catch is None else (self.catch,)
-        for rows, sign in (((*self.levels, *caught), 1), (self.clipped, -1)):
-            for level, right, trials in rows:
-                level, right_before, before = left.get(text := f"{level:.9g}", (level, 0, 0))
-                left[text] = level, right_before + sign * right, before + sign * trials
-        return [row for row in left.values() if row[2]]
+        without = ((level, -right, -trials) for level, right, trials in self.clipped)
+        return [row for row in summed((*self.levels, *caught, *without)) if row[2]]
 
 
 @dataclass(frozen=True)
@@ -808,9 +806,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
                             textcoords="data", arrowprops={"arrowstyle": "->", "color": VELOCITY, "linewidth": 1.2})  # fmt: skip
         ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
         some = any(interval is not None for *_, interval in thresholds) or group is not None
-        ending = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
-        ax.set_xlabel(f"threshold, {what} over the reference's [1]{ending}")
+        ax.set_xlabel(
+            f"threshold, {what} over the reference's [1]" + f", {100 * self.level:g} % interval" * some
+        )
         return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:
@@ -824,16 +823,12 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
     planned, text, threshold, interval = subject.planned, "", None, None
     estimate: Estimate | None
     if isinstance(design, Staircase | AdaptiveStaircase):
-        try:
+        with amend_error(f"{subject.answers.source if subject.answers else subject.subject}: "):
             estimate = (
                 design.threshold(levels, correct)
                 if isinstance(design, Staircase)
                 else design.threshold(levels, correct, level=level)
             )
-        except ValueError as error:
-            raise ValueError(
-                f"{subject.answers.source if subject.answers else subject.subject}: {error}"
-            ) from None
         threshold = estimate.level
         if isinstance(estimate, PosteriorThreshold):
             interval = estimate.interval

@@ -58,8 +58,7 @@ def test_nothing_is_overwritten(tmp_path):
 def test_paths_that_are_refused(tmp_path, kind, ask, sentence):
     one = protocol(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(kind, match=sentence):
-        ask(one, tmp_path)
+    refused((lambda: ask(one, tmp_path), sentence), error=kind)
 
 
 def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path):
@@ -119,8 +118,10 @@ def test_one_at_a_time_until_it_closes(tmp_path):
     one = protocol(tmp_path)
     file, order = one.begin("01", "probing")
     give(file, order, 1)
-    with pytest.raises(BlockingIOError, match=r"events.tsv: another process has this run open"):
-        one.resume("01", "probing")
+    refused(
+        (lambda: one.resume("01", "probing"), r"events.tsv: another process has this run open"),
+        error=BlockingIOError,
+    )
     assert len(read_answers(file.path).rows) == 1
     file.close()
     file.close()
@@ -145,8 +146,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
         ):
             with monkeypatch.context() as patch:
                 patch.setattr(os, name, wrong)
-                with pytest.raises(OSError, match=sentence):
-                    give(file, order, 1)
+                refused((lambda: give(file, order, 1), sentence), error=OSError)
             assert file.path.read_bytes() == before
         give(file, order, 1)
     assert len(read_answers(file.path).rows) == 3
@@ -257,8 +257,7 @@ def test_files_that_are_not_gone_on_with(tmp_path, damage, sentence):
     one, path = begun(tmp_path, count=3)
     damage(path)
     before = path.read_bytes()
-    with pytest.raises(ValueError, match=sentence):
-        one.resume("01", "probing")
+    refused((lambda: one.resume("01", "probing"), sentence))
     assert path.read_bytes() == before
 
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import beta
+from session_scenes import refused
 
 from burrlab.psychophysics.psychometric import ThresholdPosterior, proportion_correct, psychometric_function
 from burrlab.psychophysics.staircase import gaussian_correct
@@ -128,8 +129,13 @@ def test_the_plot_shows_data_curve_and_threshold(fitted):
 
 def test_no_psignifit(monkeypatch):
     monkeypatch.setitem(sys.modules, "psignifit", None)
-    with pytest.raises(ImportError, match=r"needs psignifit \(GPL\): pip install 'burrlab\[psychometric\]'"):
-        psychometric_function(LEVELS, [20] * 5, [40] * 5)
+    refused(
+        (
+            lambda: psychometric_function(LEVELS, [20] * 5, [40] * 5),
+            r"needs psignifit \(GPL\): pip install 'burrlab\[psychometric\]'",
+        ),
+        error=ImportError,
+    )
 
 
 def test_psignifit_is_imported_when_asked_for_only():
@@ -153,8 +159,7 @@ def test_psignifit_is_imported_when_asked_for_only():
 )  # fmt: skip
 def test_refusals(change, message):
     arguments = {"levels": LEVELS, "correct": [21, 24, 30, 37, 40], "trials": [40] * 5, **change}
-    with pytest.raises((ValueError, TypeError), match=message):
-        psychometric_function(**arguments)
+    refused((lambda: psychometric_function(**arguments), message), error=(ValueError, TypeError))
 
 
 @pytest.mark.slow

@@ -6,11 +6,13 @@ import json
 import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from answer_scenes import protocol
+from session_scenes import refused
 
 import burrlab
 from burrlab.psychophysics import (
@@ -75,7 +77,7 @@ def hand(mode):
 class Kept(list):
     """Stands for a file of answers."""
 
-    end = 0.0
+    end, path = 0.0, Path("one.tsv")
 
     def elapsed(self):
         return 0.0
@@ -217,8 +219,13 @@ def test_lost_device_is_not_asked(scene):
 
     seat, again = paper(["same"] * 4, wall_clock=True), paper(["same"] * 2)
     order = FOUR.order(seed=1, subject="01")
-    with pytest.raises(DeviceLost, match=r"the device was lost during an interval: .*lost"):
-        scene.run(FOUR, seat, order=order, device=device)
+    refused(
+        (
+            lambda: scene.run(FOUR, seat, order=order, device=device),
+            r"the device was lost during an interval: .*lost",
+        ),
+        error=DeviceLost,
+    )
     assert len(scene.kept) == len(order.answered) == 2
     assert "trial 3 was not asked: device lost" in scene.log
     assert scene.run(FOUR, again, order=order) == 2
@@ -227,8 +234,13 @@ def test_lost_device_is_not_asked(scene):
 
 
 def test_silent_device_is_lost_too(scene):
-    with pytest.raises(DeviceLost, match="it gives no position"):
-        scene.run(FOUR, paper(wall_clock=True), device=lambda mode: burrlab.MailboxDevice())
+    refused(
+        (
+            lambda: scene.run(FOUR, paper(wall_clock=True), device=lambda mode: burrlab.MailboxDevice()),
+            "it gives no position",
+        ),
+        error=DeviceLost,
+    )
 
 
 @pytest.mark.parametrize("stalls", [1, 2])
@@ -280,8 +292,7 @@ def test_answer_is_kept_before_it_counts(scene):
             super().append(answer)
 
     order, scene.kept = FOUR.order(seed=1, subject="01"), Full()
-    with pytest.raises(OSError, match="disk full"):
-        scene.run(FOUR, paper(["same"] * 4), order=order)
+    refused((lambda: scene.run(FOUR, paper(["same"] * 4), order=order), "disk full"), error=OSError)
     assert len(order.answered) == len(scene.kept) == 1
 
 

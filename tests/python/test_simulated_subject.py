@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import binom, binomtest, norm
+from session_scenes import refused
 
 import burrlab
 from burrlab.psychophysics import ABX, ConstantStimuli, Interval, SameDifferent, Staircase, Stimulus, Trial
@@ -243,8 +244,12 @@ def test_table_by_hand():
         same = task1_table(differences="closed form", noises=(noise,), lapse=0.0)
         assert same.row("probing stiffness", "bone-pvc", decision, noise).score == pytest.approx(9.0)
         assert noise_for_score(11.99, 1.0, decision) is noise_for_score(5.0, 1.0, decision) is None
-    with pytest.raises(ValueError, match="the table has no row probing force, bone-ivory, covert"):
-        table.row("probing force", "bone-ivory", "covert", 0.5)
+    refused(
+        (
+            lambda: table.row("probing force", "bone-ivory", "covert", 0.5),
+            "the table has no row probing force, bone-ivory, covert",
+        )
+    )
 
 
 @pytest.mark.slow
@@ -394,8 +399,12 @@ def test_cues_add_in_squares_and_rendered_ones_are_those_of_the_equations():
 
 def test_alike_materials_are_never_told_apart():
     held = burrlab.Material("held", c_e=BONE.c_e, alpha=2 * BONE.alpha)
-    with pytest.raises(ValueError, match="the two known materials must differ in a cue"):
-        predicted_d_prime(BONE, held, "probing", SimulatedSubject(0.3), closed_form=True)
+    refused(
+        (
+            lambda: predicted_d_prime(BONE, held, "probing", SimulatedSubject(0.3), closed_form=True),
+            "the two known materials must differ in a cue",
+        )
+    )
     # A difference in alpha alone is felt as sinking only.
     found = predicted_d_prime(BONE, held, "drilling", SimulatedSubject(0.3, ("sinking",)), closed_form=True)
     assert found.d_prime == pytest.approx(math.log(2) / 0.3)
@@ -455,5 +464,4 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
     ],
 )  # fmt: skip
 def test_refusals(ask, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        ask()
+    refused((ask, sentence))

@@ -386,12 +386,11 @@ class Analysis(InJson):
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""
-        rows = [
+        write_rows(file, [
             {"task": task.name, "design": task.design.get("design", task.task), **_fields(subject)}
             for task in sorted(self.tasks, key=lambda task: isinstance(task, ThresholdTask))  # scores first
             for subject in task.subjects
-        ]
-        write_rows(file, rows)
+        ])  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         # A criterion may be NaN, which differs from itself.
@@ -587,9 +586,10 @@ def _experiment_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
         )
         return "", _tasks_of(data, simulated=simulated)
     folder = data.folder if isinstance(data, Protocol) else Path(data)
-    rows = ExperimentFolder(folder, "").participants().items()
     selected_by = {
-        subject: row["selected_by"] for subject, row in rows if row.get("selected_by", NOTHING) != NOTHING
+        subject: row["selected_by"]
+        for subject, row in ExperimentFolder(folder, "").participants().items()
+        if row.get("selected_by", NOTHING) != NOTHING
     }
     tasks = [_with_selection(task, selected_by) for task in _tasks_of(read_folder(folder))]
     if isinstance(data, Protocol):

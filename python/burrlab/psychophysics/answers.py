@@ -121,8 +121,10 @@ class Answers(table.Tabular):
         return "; ".join([text + f" and {practice} in practice" * bool(practice), *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
-        columns = {name: ["" if x is None else x for x in values] for name, values in self._table().items()}
-        return table.html_table(repr(self), columns)
+        return table.html_table(
+            repr(self),
+            {name: ["" if x is None else x for x in values] for name, values in self._table().items()},
+        )
 
 
 _PARTICIPANT = "participant_id"

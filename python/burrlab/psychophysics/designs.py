@@ -123,11 +123,7 @@ def _plain(value: Any) -> Any:
         return list(value) if isinstance(value, tuple) else value
     if (material := value.material) is None:
         return {"name": value.name, "real": True}
-    return {
-        "name": value.name,
-        "material": material.name,
-        **constants_of(material),
-    }
+    return {"name": value.name, "material": material.name, **constants_of(material)}
 
 
 class TaskDesign(ABC):
@@ -452,10 +448,6 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     return row[::-1] if n % 2 and subject // n % 2 else row
 
 
-Parameter: TypeAlias = Literal["c_e", "alpha"]
-Hold: TypeAlias = Literal["other", "sinking speed"]
-Foil: TypeAlias = Literal["either", "middle"]
-
 #: Units of the parameters.
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 #: Their keys in files, with units.
@@ -511,15 +503,15 @@ class ComparisonDesign(TaskDesign):
     """
 
     reference: Stimulus
-    parameter: Parameter
+    parameter: Literal["c_e", "alpha"]
     _: KW_ONLY
     mode: Mode = "probing"
-    hold: Hold = "other"
+    hold: Literal["other", "sinking speed"] = "other"
     interval: float = 20.0
     practice: int = 0
     blocks: int = 1
     boundary: Sequence[float] | None = None
-    foil: Foil = "either"
+    foil: Literal["either", "middle"] = "either"
 
     task = "2ifc"
     _derived: ClassVar[tuple[str, ...]] = ("held", "question", "chance")
@@ -656,8 +648,8 @@ class ComparisonDesign(TaskDesign):
         (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
         p, mean = self._exponent, math.sqrt(c_e * c_e_below)
         slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
-        where, source = f"between {self.parameter} x{level:.6g}", f"and its level {level:.17g}, between"
-        return self._moved(where, mean, mean**p / slowness, source)
+        where = f"between {self.parameter} x{level:.6g}"
+        return self._moved(where, mean, mean**p / slowness, f"and its level {level:.17g}, between")
 
     def sinks_faster(self, level: float) -> bool:
         """Whether the burr sinks faster in a level's comparison than in the reference."""
@@ -667,9 +659,8 @@ class ComparisonDesign(TaskDesign):
         """A trial with reference and comparison in the order of RC or CR, at a level."""
         order, level = kind
         comparison = self.comparison(level)
-        more = self.sinks_faster(level) if self._asks_speed else level > 1.0
         plain, layered, boundary = self.reference, comparison, None
-        correct = "C" if more else "R"
+        correct = "C" if (self.sinks_faster(level) if self._asks_speed else level > 1.0) else "R"
         if self.boundary is not None:
             low, high = self.boundary
             depth = round(low + (high - low) * draws.below(1001) / 1000.0, 6)

@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy
@@ -212,8 +212,10 @@ def rejected_as_few(
     value within a factor of 3 of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
-    mean = sum(subject.mean[answered] for subject, answered in zip(subjects, answers.T, strict=True))
-    variance = sum(subject.variance[answered] for subject, answered in zip(subjects, answers.T, strict=True))
+    mean, variance = (
+        sum(getattr(subject, name)[answered] for subject, answered in zip(subjects, answers.T, strict=True))
+        for name in ("mean", "variance")
+    )
     normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / np.sqrt(np.maximum(variance, 1e-12)))
     sure = (variance > _WIDE) & ((normal < error / _CLOSE) | (normal > error * _CLOSE))
     out &= ~sure | (normal <= error)
@@ -228,9 +230,12 @@ def excess_hits(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits]
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Observed minus expected hits, and whether each subject is informative."""
-    each = list(zip(subjects, answers.T, strict=True))
-    mean = np.stack([subject.mean[answered] for subject, answered in each], axis=1)
-    informative = np.stack([subject.informative[answered] for subject, answered in each], axis=1)
+    mean, informative = (
+        np.stack(
+            [getattr(s, name)[answered] for s, answered in zip(subjects, answers.T, strict=True)], axis=1
+        )
+        for name in ("mean", "informative")
+    )
     excess = np.where(informative, hits - mean, 0.0)
     return excess, np.broadcast_to(informative, excess.shape)
 
@@ -239,15 +244,15 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
     excess, informative = excess_hits(hits, answers, subjects)
     n = np.sum(informative, axis=1)
     mean = np.sum(excess, axis=1) / np.maximum(n, 1)
-    square = np.sum(np.where(informative, excess - mean[:, None], 0.0) ** 2, axis=1)
+    apart = np.where(informative, excess - mean[:, None], 0.0)
+    square = np.sum(apart**2, axis=1)
     freedom = np.maximum(n - 1, 1)
     error = np.sqrt(square / freedom / np.maximum(n, 1))
     # values that are equal but for rounding have no scatter
     error = np.where(error > 1e-12 * np.maximum(np.abs(mean), 1.0), error, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(mean == 0.0, 0.0, mean / error)
-        cube = np.sum(np.where(informative, excess - mean[:, None], 0.0) ** 3, axis=1)
-        skewness = np.where(error > 0.0, cube / square**1.5, 0.0)  # divided by the root of n
+        skewness = np.where(error > 0.0, np.sum(apart**3, axis=1) / square**1.5, 0.0)  # divided by the root of n
         corrected = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
     both = np.where(np.isfinite(t), corrected, t), t
     # One subject gives no scatter: the exact test alone decides.
@@ -255,8 +260,7 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
         np.where(n < 2, 0.0, np.maximum(*(stdtr(freedom, sign * value) for value in both)))
         for sign in (1.0, -1.0)
     )
-    nobody = n == 0
-    return np.where(nobody, 1.0, few), np.where(nobody, 1.0, many)
+    return np.where(n, few, 1.0), np.where(n, many, 1.0)
 
 
 def _exact_tails(
@@ -270,15 +274,14 @@ def _exact_tails(
     few, many = np.empty(len(total)), np.empty(len(total))
     step = max(1, _CHUNK // length)
     for start in range(0, len(total), step):
-        rows = slice(start, start + step) if len(answers) > 1 else slice(0, 1)
+        part = slice(start, start + step)
+        rows = part if len(answers) > 1 else slice(0, 1)
         # The spectrum of the sum of hits is the product of the subjects' spectra.
         spectrum = np.exp(sum(times[rows] @ logarithm for times, logarithm in groups))
         probability = np.fft.irfft(spectrum, length, axis=1)
-        cumulated = np.cumsum(probability, axis=1)
-        sums = total[start : start + step]
-        row = np.arange(len(sums)) if len(answers) > 1 else np.zeros(len(sums), dtype=np.int64)
-        few[start : start + step] = cumulated[row, sums]
-        many[start : start + step] = 1.0 - cumulated[row, sums] + probability[row, sums]
+        row = np.arange(len(total[part])) if len(answers) > 1 else 0
+        few[part] = np.cumsum(probability, axis=1)[row, total[part]]
+        many[part] = 1.0 - few[part] + probability[row, total[part]]
     return np.clip(few, 0.0, 1.0), np.clip(many, 0.0, 1.0)
 
 
@@ -344,8 +347,7 @@ def sign_flip_test(values: ArrayLike) -> SubjectTest:
     Equal sums are counted together, so whole or half values of any number of subjects are possible.
     """
     x = np.asarray(values, dtype=np.float64)
-    sums: Floats = np.zeros(1)
-    chances: Floats = np.ones(1)
+    sums, chances = np.zeros(1), np.ones(1)
     for value in np.abs(x):
         sums, place = np.unique(np.round([sums - value, sums + value], 9), return_inverse=True)
         chances = np.bincount(place.ravel(), np.tile(0.5 * chances, 2)).astype(np.float64)
@@ -391,8 +393,10 @@ class GroupDPrime:
             return f"group d' ({self.rule}): unknown, no subject gave both answers"
         low, high = self.interval
         end = "open" if math.isinf(high) else f"{high:.2f}"
-        count = f"{self.informative} of {self.subjects} subjects informative"
-        return f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, {count}"
+        return (
+            f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, "
+            f"{self.informative} of {self.subjects} subjects informative"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -561,11 +565,11 @@ class GroupScore:
     tests: tuple[SubjectTest, ...]
 
     def __str__(self) -> str:
-        error = "" if self.sem is None else f" +- {self.sem:.{1 if self.trials else 3}f}"
-        mean = f"{self.mean:.1f}" if self.trials else f"{self.mean:.3f}"
-        of = f" of {self.trials}" if self.trials else " correct"
-        return f"{mean}{error}{of}, {self.n} subject{'s' if self.n > 1 else ''}; " + "; ".join(
-            map(str, self.tests)
+        digits, of = (1, f" of {self.trials}") if self.trials else (3, " correct")
+        error = "" if self.sem is None else f" +- {self.sem:.{digits}f}"
+        return (
+            f"{self.mean:.{digits}f}{error}{of}, {self.n} subject{'s' if self.n > 1 else ''}; "
+            + "; ".join(map(str, self.tests))
         )
 
 
@@ -623,9 +627,6 @@ def task_of_all(counts: Sequence[Counts]) -> TaskName:
     return tasks[0]
 
 
-Three: TypeAlias = tuple[float, float, float]
-
-
 @dataclass(frozen=True)
 class PublishedScore:
     """Re-analysis of a published mean score. Pairs are (low, high). Made by `group_score_from`.
@@ -668,7 +669,7 @@ class PublishedScore:
     t_range: tuple[float, float]
     interval: tuple[float, float]
     level: float
-    d_prime: dict[str, Three]
+    d_prime: dict[str, tuple[float, float, float]]
     spread: float
     binomial_spread: float
     spread_p_value: float
@@ -772,8 +773,10 @@ def group_score_from(
         interval=interval,
         level=level,
         d_prime={
-            rule: cast(
-                Three, tuple(unbiased_d_prime(task, rule, float(x) / trials) for x in (mean, *interval))
+            rule: (
+                unbiased_d_prime(task, rule, float(mean) / trials),
+                unbiased_d_prime(task, rule, interval[0] / trials),
+                unbiased_d_prime(task, rule, interval[1] / trials),
             )
             for rule in RULES
         },
@@ -860,8 +863,7 @@ class SelectionEffect:
     def p_value(self, mean: float) -> float:
         """Probability that guessing subjects, so selected, have at least this mean score."""
         # A mean from a division is off by rounding.
-        least = max(0, int(np.ceil(mean * self.kept - 1e-9)))
-        return float(min(1.0, self.distribution[least:].sum()))
+        return float(min(1.0, self.distribution[max(0, int(np.ceil(mean * self.kept - 1e-9))):].sum()))
 
     @cached_property
     def distribution(self) -> Floats:

@@ -110,10 +110,10 @@ class Block:
 
 def tissues_of(above: Material, below: Material) -> Tissues:
     """The tissues of a block with a boundary; ValueError for constants that no tissue has."""
-    both = (("above", 1, above), ("below", 2, below))
-    return Tissues(
-        [Tissue(name, label=label, c_e=x.c_e, alpha=x.alpha, assumed=False) for name, label, x in both], above
-    )
+    return Tissues([
+        Tissue(name, label=label, c_e=x.c_e, alpha=x.alpha, assumed=False)
+        for name, label, x in (("above", 1, above), ("below", 2, below))
+    ], above)  # fmt: skip
 
 
 @dataclass(frozen=True)

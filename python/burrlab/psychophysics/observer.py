@@ -165,11 +165,12 @@ def interval_cues(rendered: Rendered) -> Cues:
             return Cues(reached=rendered.reached)
         sunk = np.maximum.accumulate(depth[int(np.argmax(rendered.ticks["touching"])) :])
         first, all_of_it = (float(sunk[i]) for i in (len(sunk) // 2, -1))
-        later = math.log(all_of_it / first - 1.0) if 0.0 < first < all_of_it else math.nan
-        sinking = math.log(all_of_it / rendered.contact)
-        return Cues(sinking=sinking, change=later, reached=rendered.reached)
-    stiffness, at_depth = [], []
-    before = 0
+        return Cues(
+            sinking=math.log(all_of_it / rendered.contact),
+            change=math.log(all_of_it / first - 1.0) if 0.0 < first < all_of_it else math.nan,
+            reached=rendered.reached,
+        )
+    stiffness, at_depth, before = [], [], 0
     for start, end in _presses(force):
         peak = start + int(np.argmax(force[start:end]))
         stiffness.append(force[peak] / rendered.ticks["penetration"][peak])
@@ -368,18 +369,12 @@ class SimulatedSubject:
             self.criterion is not None and self.decision == "covert",
             f"criterion must be None for covert decisions, got {self.criterion!r}",
         )
-        refuse(
-            self.criterion is not None and not 0.0 <= self.criterion < math.inf,
-            f"criterion must be zero or positive and finite, got {self.criterion!r}",
-        )
         refuse(not 0.0 <= self.lapse <= 1.0, f"lapse must be from 0 to 1, got {self.lapse!r}")
-        refuse(
-            not 0.0 <= self.memory < math.inf,
-            f"memory must be zero or positive and finite, got {self.memory!r}",
-        )
-        refuse(
-            not 0.0 <= self.floor < math.inf, f"floor must be zero or positive and finite, got {self.floor!r}"
-        )
+        numbers = {"criterion": self.criterion or 0.0, "memory": self.memory, "floor": self.floor}
+        for name, number in numbers.items():
+            refuse(
+                not 0.0 <= number < math.inf, f"{name} must be zero or positive and finite, got {number!r}"
+            )
         vars(self).update(cues=cues, weber={cue: float(fractions[cue]) for cue in cues})
 
     @property
@@ -445,7 +440,7 @@ class SimulatedSubject:
         noise[0] += self.memory * rng.standard_normal(len(self.cues))
         if lapse < self.lapse:
             return ANSWERS[task][0 if choice < 0.5 else 1]
-        return self._decide(task, self._combine(values + noise, task))
+        return self._decide(task, values + noise)
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON."""
@@ -455,10 +450,19 @@ class SimulatedSubject:
             **({"floor": self.floor} if self.floor else {}),
         }  # fmt: skip
 
-    def _decide(self, task: TaskName, x: Floats) -> str:
-        """The answer to observations of standard deviation 1, with 0 midway between the known materials."""
+    def _decide(self, task: TaskName, observed: Floats) -> str:
+        """The answer to noisy values of the cues, a row an interval."""
+        variance = self._variance()
         if task == "2ifc":
+            # The interval with more of each cue is the answer, so only the weights must be known.
+            size = np.ones(len(self.cues)) if self.known is None else np.abs(self._difference())
+            x = observed @ (size / variance)
             return "first" if x[0] > x[1] else "second"
+        difference = self._difference()
+        middle = self._values(self.known or ()).mean(axis=0)
+        # of standard deviation 1, with 0 midway between the known materials
+        scale = math.sqrt(float((difference**2 / variance).sum()))
+        x = (observed - middle) @ (difference / variance) / scale
         if task == "same-different":
             if self.decision == "covert":
                 return "different" if x[0] * x[1] < 0.0 else "same"
@@ -469,17 +473,6 @@ class SimulatedSubject:
         if self.decision == "covert":
             return "first" if (a - b) * reference > 0.0 else "second"
         return "first" if abs(a - reference) < abs(b - reference) else "second"
-
-    def _combine(self, observed: Floats, task: TaskName) -> Floats:
-        variance = self._variance()
-        if task == "2ifc":
-            # The interval with more of each cue is the answer, so only the weights must be known.
-            size = np.ones(len(self.cues)) if self.known is None else np.abs(self._difference())
-            return np.asarray(observed @ (size / variance))
-        difference = self._difference()
-        middle = self._values(self.known or ()).mean(axis=0)
-        scale = math.sqrt(float((difference**2 / variance).sum()))
-        return np.asarray((observed - middle) @ (difference / variance) / scale)
 
     def _difference(self) -> Floats:
         refuse(self.known is None, "the subject must be taught the two materials first (taught, teach)")

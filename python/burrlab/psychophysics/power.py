@@ -42,9 +42,8 @@ class Observer:
         self.hit, self.false_alarm = ((1.0 - lapse) * float(rate) + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
-        of_signals = scipy.stats.binom.pmf(k, self.half, self.hit)
-        of_noises = scipy.stats.binom.pmf(k, self.half, 1.0 - self.false_alarm)
-        self.scores: Floats = np.convolve(of_signals, of_noises)
+        of_each = (scipy.stats.binom.pmf(k, self.half, p) for p in (self.hit, 1.0 - self.false_alarm))
+        self.scores: Floats = np.convolve(*of_each)
 
     def group(self, subjects: int, level: float) -> float:
         """Power of the one-sided t test on the scores of this number of subjects, at least two."""
@@ -408,8 +407,8 @@ def design_power(
         observer = Observer(decision, d, trials, lapse)
         mean = float(observer.scores @ k)
         sd = math.sqrt(max(0.0, float(observer.scores @ k**2) - mean**2))
-        group = observer.group(subjects, level) if subjects > 1 else None
         reached = 0.0 if critical is None else float(min(1.0, np.sum(observer.scores[critical:])))
+        group = observer.group(subjects, level) if subjects > 1 else None
         rows.append(PowerRow(decision.name, float(d), mean, sd, reached, group))
     return DesignPower(
         task=decisions[0].task,

@@ -50,10 +50,6 @@ _LONGEST = 86400.0  # longest time, a day [s]
 _TEXT: Rule = ("a text", lambda value: isinstance(value, str) and value != "")
 _FLAG: Rule = ("true or false", lambda value: type(value) is bool)
 _LIST: Rule = ("a list of numbers", lambda value: isinstance(value, list))
-_CORNERS: Rule = (
-    "two corners, [[x, y, z], [x, y, z]]",
-    lambda value: isinstance(value, list) and len(value) == 2,
-)
 # TOML's whole numbers have no limit
 _NUMBER: Rule = (
     "a finite number",
@@ -69,12 +65,6 @@ _KEYS: Rule = (
         and value.isprintable()
         and " " not in value
     ),
-)
-_PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
-#: Text that fits in a field between tabs.
-_ONE_FIELD: Rule = (
-    "without tabs, line breaks and quotation marks",
-    lambda value: not any(mark in value for mark in '\t\r\n"'),
 )
 
 
@@ -351,7 +341,8 @@ def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
     path, options = table.get("volume", _TEXT, default=None), {}
     for key, kind in (
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
-        ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
+        ("crop_mm", ("two corners, [[x, y, z], [x, y, z]]", lambda x: isinstance(x, list) and len(x) == 2)),
+        ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
         options[key] = table.get(key, kind, default=None)
         table.refuse(path is None and key in table, f"{key} goes with volume")
@@ -515,7 +506,6 @@ class Protocol:
         experiment = file.table("experiment")
         get = experiment.get
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
-        fewer: Rule = (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects))
         burr, bone = burr_and_bone_of(file, path.parent)
         tasks, interleaved = designs_of(file)
         protocol = cls(
@@ -531,14 +521,32 @@ class Protocol:
             device=device_of(experiment, path.parent),
             lost_after=get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0),
             limits=get("limits", _choice(("device", "none", *device_limits)), default="device"),
-            publish=get("publish", _PORT, default=None),
+            publish=get(
+                "publish",
+                ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536),
+                default=None,
+            ),
             trace=get("trace", _FLAG, default=False),
             feedback=get("feedback", _FLAG, default=False),
             keys=get("keys", _KEYS, default=KEYS),
             pause=get("pause_s", _NUMBER, *_WAIT, default=1.0),
             rest=get("break_s", _NUMBER, *_WAIT, default=60.0),
-            selected_by=get("selected_by", _TEXT, _ONE_FIELD, default=None),
-            selected_from=get("selected_from", _whole(), fewer, default=None),
+            selected_by=get(
+                "selected_by",
+                _TEXT,
+                # so that it fits in a field between tabs
+                (
+                    "without tabs, line breaks and quotation marks",
+                    lambda value: not any(mark in value for mark in '\t\r\n"'),
+                ),
+                default=None,
+            ),
+            selected_from=get(
+                "selected_from",
+                _whole(),
+                (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects)),
+                default=None,
+            ),
             analysis=analysis_of(file.table("analysis", needed=False)),
         )
         experiment.done()

@@ -35,9 +35,8 @@ def proportion_correct(
     It is 75 % at threshold without lapses. A lapse is a random answer. A Weibull function of slope 1.25 is
     within 0.012 of an observer with Gaussian noise, Phi(d'/sqrt 2) with d' proportional to the difference.
     """
-    ratio = np.asarray(difference, dtype=np.float64) / np.asarray(threshold, dtype=np.float64)
-    seen = -np.expm1(-math.log(2.0) * ratio ** np.asarray(slope, dtype=np.float64))
-    return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
+    x, x0, s, random = (np.asarray(part, dtype=np.float64) for part in (difference, threshold, slope, lapse))
+    return np.asarray(0.5 - 0.5 * (1.0 - random) * np.expm1(-math.log(2.0) * (x / x0) ** s))
 
 
 @lru_cache(maxsize=4)
@@ -105,8 +104,7 @@ class ThresholdPosterior:
         width = np.diff(edges) / (logs[1] - logs[0])
         mass = marginal * width / (marginal * width).sum()
         below = np.concatenate([[0.0], np.cumsum(mass)])
-        tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
-        near, far = (float(np.exp(np.interp(tail, below, edges))) for tail in tails)
+        near, far = np.exp(np.interp((0.5 - 0.5 * level, 0.5 + 0.5 * level), below, edges)).tolist()
         difference = math.exp(float(mass @ (0.5 * (edges[1:] + edges[:-1]))))
         # True where a likelihood interval would extend beyond the grid
         low, high = marginal[[0, -1]] / marginal.max() > math.exp(-0.5 * scipy.stats.chi2.ppf(level, 1))
@@ -225,11 +223,11 @@ class PsychometricFit:
         """
         if (reference := self.reference) is None:
             return None
-        value, low, high = (
+        change, low, high = (
             reference * (1.0 - 1.0 / ratio if self.side == "below" else ratio - 1.0)
             for ratio in (self.threshold, *self.interval)
         )
-        return value, low, high
+        return change, low, high
 
     def proportion_at(self, levels: ArrayLike) -> Floats:
         """Proportion correct, with lapses, at ratios above or below 1."""
@@ -271,16 +269,12 @@ class PsychometricFit:
         ax = axes_or_new(ax)
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
-        share, tail, ends = correct / trials, 0.5 - 0.5 * self.level, np.log(self.interval)
+        share, ends = correct / trials, np.log(self.interval)
         reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), **styled(style, color=POSITION, linewidth=1.4))
-        # Clopper and Pearson's intervals. beta's parameters must be above 0 at shares of 0 and 1 too.
-        low = np.where(
-            correct == 0, 0.0, scipy.stats.beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1)
-        )
-        wrong = np.maximum(trials - correct, 0.5)
-        high = np.where(correct == trials, 1.0, scipy.stats.beta.ppf(1 - tail, correct + 1, wrong))
+        tests = map(scipy.stats.binomtest, self.correct, self.trials)
+        low, high = np.array([test.proportion_ci(self.level) for test in tests]).T  # Clopper and Pearson's
         bars = x.size <= _MOST_BARS
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)

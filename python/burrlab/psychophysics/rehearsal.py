@@ -4,7 +4,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -132,8 +132,8 @@ def rehearsed_order(
     order = design.order(seed=seed, subject=name)
     while (trial := order.next()) is not None:
         felt = [_felt(design, interval, burr, bone) for interval in trial.intervals]
-        lost = not all(cues.reached for cues in felt)
-        order.answer(taught.respond(trial, _towards_boundary(design, trial, felt), rng), lost=lost)
+        response = taught.respond(trial, _towards_boundary(design, trial, felt), rng)
+        order.answer(response, lost=not all(cues.reached for cues in felt))
     return order
 
 
@@ -178,8 +178,7 @@ def stood_in(design: TaskDesign, interval: Interval) -> Interval:
     """The interval with the match in place of a real reference, and with a length if it has none."""
     real = interval.stimulus.material is None
     stimulus = design.matching if real and isinstance(design, ABX) else interval.stimulus
-    duration = SELF_PACED if interval.duration is None else interval.duration
-    return replace(interval, stimulus=stimulus, duration=duration)
+    return replace(interval, stimulus=stimulus, duration=interval.duration or SELF_PACED)
 
 
 def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cues:
@@ -649,11 +648,10 @@ class PsychometricSeat(Seat):
         threshold = self._threshold(getattr(design.reference.material, design.parameter))
         p = proportion_correct(abs(math.log(trial.level)), threshold, self._slope, self._lapse)
         (other,) = {*design.answers} - {trial.correct}
-        draw = _rng(self._seed, self._name, design, trial).random()
-        return trial.correct if draw < p else other, None
+        return trial.correct if _rng(self._seed, self._name, design, trial).random() < p else other, None
 
 
 def _rng(seed: int, name: str, design: TaskDesign, trial: Trial) -> np.random.Generator:
     """A simulated subject's draws in a trial, whenever it is asked."""
-    what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
+    what = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
     return np.random.default_rng(Draws(seed, name, {"simulated": what}).interval_seed())

@@ -785,8 +785,9 @@ class Sitting:
         """
         answer_count, units = 0, self.protocol.units
         for unit in dict.fromkeys(next(unit for unit in units if task in unit) for task in self.tasks):
-            tasks = [task for task in unit if task in self.tasks]
-            answer_count += self._run_tasks(tasks, seat, rest=answer_count > 0)
+            answer_count += self._run_tasks(
+                [task for task in unit if task in self.tasks], seat, rest=answer_count > 0
+            )
         return answer_count
 
     def _run_tasks(self, tasks: Sequence[str], seat: Callable[[str], Seat], *, rest: bool) -> int:

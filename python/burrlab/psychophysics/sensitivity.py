@@ -88,10 +88,12 @@ class Outcomes:
 
     def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
         """The log-likelihood from the logarithms of the four rates, without binomial coefficients."""
-        times = (self.hits, self.signals - self.hits, self.false_alarms, self.noises - self.false_alarms)
-        log_rates = (hit, miss, alarm, rejection)
+        terms = (
+            (self.hits, hit), (self.signals - self.hits, miss),
+            (self.false_alarms, alarm), (self.noises - self.false_alarms, rejection),
+        )  # fmt: skip
         # The rate of an answer that was never given may be 0.
-        return np.asarray(sum(n * np.where(n > 0, x, 0.0) for n, x in zip(times, log_rates, strict=True)))
+        return np.asarray(sum(n * np.where(n > 0, log_rate, 0.0) for n, log_rate in terms))
 
     def greatest(self) -> Floats:
         """The log-likelihood at the estimate."""
@@ -112,8 +114,7 @@ class Outcomes:
         d = np.asarray(d_prime, dtype=np.float64)
         low, high = np.broadcast_arrays(*rule.criterion_range(d, *self.rates))
         inner_low, inner_high = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        at_one = self.log_likelihood(*rule.log_rates(d, inner_low))
-        at_two = self.log_likelihood(*rule.log_rates(d, inner_high))
+        at_one, at_two = (self.log_likelihood(*rule.log_rates(d, x)) for x in (inner_low, inner_high))
         best = np.maximum(at_one, at_two)
         for _ in range(_SECTIONS):
             left = at_one > at_two

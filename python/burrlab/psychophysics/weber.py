@@ -9,6 +9,7 @@ criterion, so the noise could be half or twice the number.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -132,9 +133,8 @@ class WeberFraction:
         near, fraction, far = (
             abs(x - 1.0) for x in (threshold.interval[0], threshold.level, threshold.interval[1])
         )
-        if (
-            threshold.open_above is not threshold.open_below
-        ):  # towards the open end the posterior rises to its plateau
+        # Towards an open end the posterior rises to its plateau.
+        if threshold.open_above is not threshold.open_below:
             end = slice(None, None, 1 if threshold.open_above else -1)
             likely, at = posterior.marginal()[end], np.log(np.abs(np.expm1(side * posterior.thresholds)))[end]
             rise = slice(int(np.argmax(likely)) + 1)
@@ -423,17 +423,16 @@ class SensitivityFunction(Tabular):
                 "{} {:.2f} ({:.2f} to {:.2f})".format(subject, *self.slope_of(subject)) for subject in self.lines
             ),
             f"scatter about the lines: {self.scale:.2f} times the errors ({self.freedom} degrees of freedom)",
-            "curvature: not known without three references of a subject",
+            "curvature: not known without three references of a subject" if self.curvature is None else
+            f"curvature: {self.curvature.against('a power law')}",
         ]  # fmt: skip
-        if self.curvature is not None:
-            lines[-1] = f"curvature: {self.curvature.against('a power law')}"
         if self.sessions < len({row.session for row in self.fractions}):
             lines.append("effects of the sessions cannot be told from the slopes and are left out")
         if all(row.force for row in self.fractions):
-            forces = [
-                np.mean([row.force for row in self.fractions if row.reference == p0]) for p0 in references
-            ]
-            pressed = ", ".join(f"{f:.2g} N at {p0:.3g}" for f, p0 in zip(forces, references, strict=True))
+            pressed = ", ".join(
+                f"{np.mean([row.force for row in self.fractions if row.reference == p0]):.2g} N at {p0:.3g}"
+                for p0 in references
+            )
             beside = self.at_equal_force or "cannot be told from the references"
             lines.append(f"pressed: {pressed}; the slope at equal force, which corrects nothing: {beside}")
         everyone = [*self.fractions, *self.left_out]
@@ -441,8 +440,8 @@ class SensitivityFunction(Tabular):
             ([row for row in self.fractions if row.open], "may lie beyond the levels, and count as such"),
             (self.left_out, "are left out, as nothing is beside them or they may lie beyond either end"),
         ):
-            names = ", ".join(f"{row.subject} at {row.reference:.3g}" for row in rows)
-            lines += [f"{len(rows)} of {len(everyone)} {why}: {names}"] if rows else []
+            if names := ", ".join(f"{row.subject} at {row.reference:.3g}" for row in rows):
+                lines.append(f"{len(rows)} of {len(everyone)} {why}: {names}")
         if 2 * sum(row.open for row in everyone) >= len(everyone):
             lines.append("where half of them may lie beyond the levels, the slope is biased towards 0")
         return "\n".join(lines)
@@ -474,12 +473,12 @@ class SensitivityFunction(Tabular):
                     mark = "v" if row.bound[1] > 0.0 else "^"
                     ax.plot(row.reference, math.exp(-row.bound[0]), mark, mfc="none", ms=4, **look)
             rows = [row for row in rows if not row.open]
-            x, w = np.array([row.reference for row in rows]), np.array([row.fraction for row in rows])
-            error = np.exp(self._normal * np.array([row.error for row in rows]))
+            x, w, error = np.array([(row.reference, row.fraction, row.error) for row in rows]).T
+            wide = np.exp(self._normal * error)
             ax.errorbar(
                 x,
                 1.0 / w,
-                [(1.0 - 1.0 / error) / w, (error - 1.0) / w],
+                [(1.0 - 1.0 / wide) / w, (wide - 1.0) / w],
                 fmt="o",
                 ms=2.5,
                 elinewidth=0.6,
@@ -498,16 +497,13 @@ class SensitivityFunction(Tabular):
             ax.fill_between(span, 1.0 / high, 1.0 / low, color=look["color"], alpha=0.2, linewidth=0)
         bottom, top = ax.get_ylim()
         exponent, middle = PUBLISHED_EXPONENTS[self.parameter], 1.0 / self.fraction_at(self.center)[0]
-        label: str | None = (
-            f"published exponent {exponent:g}, definition\nunknown: four readings through the middle"
-        )
+        label = f"published exponent {exponent:g}, definition\nunknown: four readings through the middle"
         for slope in (exponent, -exponent, 1.0 - exponent, 1.0 + exponent) if published else ():
             reading = middle * (span / self.center) ** slope
             shown = (bottom <= reading) & (reading <= top)
-            ax.plot(span[shown], reading[shown], ":", color="0.6", linewidth=0.9, zorder=0, label=label)
-            label = None
-        unit = UNITS[self.parameter]
-        ax.set(xlabel=f"{self.parameter} of the reference [{unit}]", ylim=(bottom, top),
+            ax.plot(span[shown], reading[shown], ":", color="0.6", linewidth=0.9, zorder=0,
+                    label=label if slope == exponent else None)  # fmt: skip
+        ax.set(xlabel=f"{self.parameter} of the reference [{UNITS[self.parameter]}]", ylim=(bottom, top),
                ylabel=f"sensitivity 1/W [1], {100 * self.confidence:g} % intervals", title=self.name)  # fmt: skip
         ax.legend(fontsize=7)
         return ax
@@ -559,10 +555,9 @@ def subjects_for_slope(
 
 def usable(fractions: Iterable[WeberFraction], references: int = 2) -> list[WeberFraction]:
     """The fractions of subjects with so many references or more, alike to nine digits, that are not open."""
-    rows, known = list(fractions), dict[str, set[str]]()
-    for row in rows:
-        known.setdefault(row.subject, set()).update([] if row.open else [f"{row.reference:.9g}"])
-    return [row for row in rows if len(known[row.subject]) >= references and (row.bound or not row.open)]
+    rows = list(fractions)
+    known = Counter(subject for subject, _ in {(x.subject, f"{x.reference:.9g}") for x in rows if not x.open})
+    return [row for row in rows if known[row.subject] >= references and (row.bound or not row.open)]
 
 
 def _regression(
@@ -577,10 +572,10 @@ def _regression(
     for line, row in zip(design, rows, strict=True):
         line[subjects.index(row.subject)] = math.log(row.reference / center) ** np.arange(degree + 1)
     own = design.reshape(len(rows), -1)
-    shared = np.array([[float(row.session == session) for session in sessions[1:]] for row in rows])
-    if force:
-        logarithms = np.log([[row.force or 1.0] for row in rows])
-        shared = np.hstack([shared.reshape(len(rows), -1), logarithms])
+    shared = [
+        [float(row.session == session) for session in sessions[1:]] + [np.log(row.force or 1.0)] * force
+        for row in rows
+    ]
     columns, closed = np.hstack([own, shared]), np.array([not row.open for row in rows])
     weights = np.array([0.0 if row.open else 1.0 / row.error for row in rows])
     singular = int(np.linalg.matrix_rank(columns * weights[:, None])) < columns.shape[1]

@@ -1,5 +1,6 @@
 """Small experiments for tests of their files."""
 
+import contextlib
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -75,10 +76,16 @@ def give(file, order, count=10_000, *, right=None, change=lambda row, place: row
     return trials
 
 
+@contextlib.contextmanager
+def sat(run):
+    """File and order of a run that was begun or resumed; the file is closed at the end."""
+    with run[0]:
+        yield run
+
+
 def run(protocol, subject, task, right=None, count=10_000):
     """Begins a run and answers it by `give`; returns its path."""
-    file, order = protocol.begin(subject, task)
-    with file:
+    with sat(protocol.begin(subject, task)) as (file, order):
         give(file, order, count, right=right)
     return file.path
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from unittest.mock import Mock
 
 import pytest
-from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
+from answer_scenes import SMALL, answer, begun, give, protocol, sat, trials_of
 from session_scenes import refused
 
 from burrlab.psychophysics import AnswerFile, Sitting, read_answers
@@ -21,8 +21,7 @@ def test_a_run_goes_on_at_its_next_trial(tmp_path, task, count):
     one, path = begun(tmp_path, task, count)
     before, over = path.read_bytes(), (task, count) == ("match", 4)
     undisturbed = trials_of(one, task, count + (not over))
-    file, order = one.resume("01", task)
-    with file:
+    with sat(one.resume("01", task)) as (file, order):
         assert (len(order.answered), file.notes) == (count, ())
         assert order.next() == (None if over else undisturbed[-1])
         give(file, order, not over)
@@ -71,8 +70,7 @@ def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path):
         assert len(answers.rows) == 2
         assert "was broken off and is left out" in answers.notes[0]
         assert "was broken off" in repr(answers)
-        file, order = one.resume("01", "match")
-        with file:
+        with sat(one.resume("01", "match")) as (file, order):
             assert f"broken off after {length - len(kept)} bytes and is cut" in file.notes[0]
             assert (order.next(), path.read_bytes()) == (due, kept)
     path.write_bytes(kept + b"\0\0\0\xff")  # as after a power cut on some file systems
@@ -88,8 +86,7 @@ def test_a_last_line_that_lacks_its_end_alone_is_an_answer(tmp_path, task):
     path.write_bytes(whole[:-1])
     answers = read_answers(path)
     assert (len(answers.rows), answers.notes) == (3, ())
-    file, order = one.resume("01", task)
-    with file:
+    with sat(one.resume("01", task)) as (file, order):
         assert (file.notes, path.read_bytes()) == ((), whole)
         give(file, order, 1)
     assert path.read_bytes().startswith(whole)
@@ -108,8 +105,7 @@ def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):
         path.write_bytes(head[:length])
         path.with_suffix(".json").unlink()
         refused((lambda: one.begin("01", "probing"), "resume the run", FileExistsError))
-        file, order = one.resume("01", "probing")
-        with file:
+        with sat(one.resume("01", "probing")) as (file, order):
             assert (path.read_bytes(), read_answers(path).side_car) == (head, file.side_car)
             assert order.next() == due
 
@@ -277,8 +273,7 @@ def test_onsets_go_on_across_a_resumption_and_never_back(tmp_path):
 
 def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_path):
     one = protocol(tmp_path)
-    file, order = one.begin("01", "match", simulated={"weber": 0.1})
-    with file:
+    with sat(one.begin("01", "match", simulated={"weber": 0.1})) as (file, order):
         file.append(answer(order.next(), "first", 0.0, None))
     answers = read_answers(file.path)
     assert (answers.simulated, answers.side_car.simulated) == (True, {"weber": 0.1})
@@ -304,8 +299,7 @@ def test_a_run_of_an_earlier_version_goes_on_with_its_columns(tmp_path, device, 
     with one.resume("01", "probing")[0] as file:
         assert file.notes == ()
     path.write_text("".join("\t".join([*row[:16], row[-1]][:columns]) + "\n" for row in rows))
-    file, order = one.resume("01", "probing")
-    with file:
+    with sat(one.resume("01", "probing")) as (file, order):
         assert [note.partition(": ")[2] for note in file.notes] == [NO_LIMITS] * (device == "touch")
         file.append(replace(answer(order.next(), "same", 1e3), repeats=1))
     assert [row.repeats for row in read_answers(path).rows] == repeats

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from answer_scenes import SMALL, give, protocol
+from answer_scenes import SMALL, give, protocol, sat
 from session_scenes import refused
 
 from burrlab import Burr, load_trace, materials, replay
@@ -155,8 +155,7 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
         give, right=lambda trial: True,
         change=lambda row, place: replace(row, reached=place % 3 != 1, forces=(0.2, 0.4)),
     )  # fmt: skip
-    file, order = made.begin("01", "harder")
-    with file:
+    with sat(made.begin("01", "harder")) as (file, order):
         answered(file, order, 5)
     levels = [trial.level for trial, _ in order.answered if trial.phase == "main"]
     lines = [line.split("\t") for line in file.path.read_text().splitlines()]
@@ -164,8 +163,7 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
     file.path.write_text("".join("\t".join(line[:place] + line[place + 1 :]) + "\n" for line in lines))
     refused((lambda: made.resume("01", "harder"), f"column {place + 1} was 'reached'"))
     file.path.write_text(whole)
-    file, order = made.resume("01", "harder")
-    with file:
+    with sat(made.resume("01", "harder")) as (file, order):
         assert [trial.level for trial, _ in order.answered if trial.phase == "main"] == levels
         answered(file, order)
     rows = read_answers(file.path).rows

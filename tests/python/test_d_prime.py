@@ -110,101 +110,102 @@ def at_best_criterion(law, counts: Counts, d: float, n: int = 20_001) -> float:
     return float(value.max())
 
 
-class TestLikelihood:
-    @pytest.mark.parametrize("numbers", SOME)
-    def test_deviance_is_the_definition(self, law, numbers):
-        counts = Counts(law.task, *numbers)
-        ds = [0.0, 0.4, 1.3, 3.0]
-        best = np.array([at_best_criterion(law, counts, d) for d in ds])
-        greatest = max(at_best_criterion(law, counts, d, 2001) for d in np.linspace(0.0, 9.0, 91))
-        found = Outcomes.of(counts).deviance(law, ds)
-        np.testing.assert_allclose(found[1:] - found[0], -2.0 * (best[1:] - best[0]), atol=1e-6)
-        assert found == pytest.approx(2.0 * (greatest - best), abs=0.02)
-
-    def test_deviance_rises_on_both_sides_of_the_estimate(self, law):
-        outcomes, d = Outcomes.all(7, 5), np.linspace(0.0, 10.0, 101)
-        deviance = np.array([outcomes.deviance(law, x) for x in d])
-        estimate, step = np.minimum(outcomes.estimate(law)[0], 40.0), np.diff(deviance, axis=0)
-        assert np.all(step[d[1:, None] <= estimate] <= 1e-8)
-        assert np.all(step[d[:-1, None] >= estimate] >= -1e-8)
-        assert outcomes.deviance(law, estimate).max() < 1e-8
+@pytest.mark.parametrize("numbers", SOME)
+def test_deviance_is_the_definition(law, numbers):
+    counts = Counts(law.task, *numbers)
+    ds = [0.0, 0.4, 1.3, 3.0]
+    best = np.array([at_best_criterion(law, counts, d) for d in ds])
+    greatest = max(at_best_criterion(law, counts, d, 2001) for d in np.linspace(0.0, 9.0, 91))
+    found = Outcomes.of(counts).deviance(law, ds)
+    np.testing.assert_allclose(found[1:] - found[0], -2.0 * (best[1:] - best[0]), atol=1e-6)
+    assert found == pytest.approx(2.0 * (greatest - best), abs=0.02)
 
 
-class TestEstimate:
-    def test_is_the_rates_own_d_prime(self):
-        result = d_prime(Counts("same-different", 20, 24, 6, 24), rule=DIFFERENCING, method="profile")
-        d, criterion = rule_of("same-different", DIFFERENCING).invert(20 / 24, 6 / 24)
-        assert (result.estimate, result.corrected, result.criterion) == (float(d), float(d), float(criterion))
-        assert result.standard_error is not None
-
-    @pytest.mark.parametrize("method", ["exact", "profile"])
-    def test_no_more_hits_than_false_alarms(self, method):
-        result = d_prime(Counts("same-different", 2, 6, 3, 6), rule=DIFFERENCING, method=method)
-        assert (result.estimate, result.interval[0], result.standard_error) == (0.0, 0.0, None)
-        assert 0.0 < result.interval[1] < math.inf
-
-    @pytest.mark.parametrize("method", ["exact", "profile", "proportion"])
-    def test_perfect_score(self, method):
-        result = d_prime(Counts("abx", 5, 5, 0, 5), rule=DIFFERENCING, method=method)
-        assert (result.estimate, result.open_above, result.standard_error) == (math.inf, True, None)
-        assert result.interval[0] > 0.0
-        assert "open)" in str(result)
-
-    @pytest.mark.parametrize("method", ["exact", "profile"])
-    @pytest.mark.parametrize("numbers", [(6, 6, 6, 6), (0, 6, 0, 6), (4, 6, 0, 0), (0, 0, 2, 6)])
-    def test_nothing_learnt(self, method, numbers):
-        result = d_prime(Counts("same-different", *numbers), rule=DIFFERENCING, method=method)
-        assert (result.undetermined, result.interval) == (True, (0.0, math.inf))
-        assert "say nothing of d'" in str(result)
+def test_deviance_rises_on_both_sides_of_the_estimate(law):
+    outcomes, d = Outcomes.all(7, 5), np.linspace(0.0, 10.0, 101)
+    deviance = np.array([outcomes.deviance(law, x) for x in d])
+    estimate, step = np.minimum(outcomes.estimate(law)[0], 40.0), np.diff(deviance, axis=0)
+    assert np.all(step[d[1:, None] <= estimate] <= 1e-8)
+    assert np.all(step[d[:-1, None] >= estimate] >= -1e-8)
+    assert outcomes.deviance(law, estimate).max() < 1e-8
 
 
-class TestStandardError:
-    def test_is_the_scatter_of_many_trials(self, law):
-        """2000 subjects of 20 000 trials: the variance has 3.2 % error; 4.9 of it is the limit (1e-6)."""
-        rng, n = np.random.default_rng(7), 10_000
-        hit, false_alarm = (float(x) for x in law.rates(1.5, law.unbiased(1.5) + 0.2))
-        estimates, _ = law.invert(rng.binomial(n, hit, 2000) / n, rng.binomial(n, false_alarm, 2000) / n)
-        counts = Counts(law.task, round(n * hit), n, round(n * false_alarm), n)
-        error = d_prime(counts, rule=law.name, method="profile").standard_error
-        assert np.var(estimates) == pytest.approx(error**2, rel=4.9 * math.sqrt(2.0 / 2000))
-
-    def test_only_where_zero_is_excluded(self):
-        assert d_prime(Counts("same-different", 4, 6, 2, 6), rule=INDEPENDENT).standard_error is None
+def test_the_estimate_is_the_rates_own_d_prime():
+    result = d_prime(Counts("same-different", 20, 24, 6, 24), rule=DIFFERENCING, method="profile")
+    d, criterion = rule_of("same-different", DIFFERENCING).invert(20 / 24, 6 / 24)
+    assert (result.estimate, result.corrected, result.criterion) == (float(d), float(d), float(criterion))
 
 
-class TestExact:
-    @pytest.mark.parametrize("d", [0.0, 0.8, 2.5])
-    def test_p_is_the_definition(self, law, d):
-        """p is the sum over all outcomes that are no likelier, at the worst of 400 criteria."""
-        m, n = 5, 4
-        deviance = Outcomes.all(m, n).deviance(law, d).reshape(m + 1, n + 1)
-        hit, false_alarm = law.rates(d, np.linspace(*law.criterion_range(d, 1e-6, 1.0 - 1e-6), 400))
-        of_hits = binom.pmf(np.arange(m + 1), m, hit[:, None])
-        of_alarms = binom.pmf(np.arange(n + 1), n, false_alarm[:, None])
-        found = exact_p_values(law, m, n, d).reshape(m + 1, n + 1)
-        for h, f in np.ndindex(m + 1, n + 1):
-            expected = np.einsum("ci,cj,ij->c", of_hits, of_alarms, deviance >= deviance[h, f] - 1e-7).max()
-            assert found[h, f] == pytest.approx(expected, abs=5e-4)
-            assert exact_p_value(Counts(law.task, h, m, f, n), law, d) == pytest.approx(
-                found[h, f], abs=1e-12
-            )
+@pytest.mark.parametrize("method", ["exact", "profile"])
+def test_no_more_hits_than_false_alarms(method):
+    result = d_prime(Counts("same-different", 2, 6, 3, 6), rule=DIFFERENCING, method=method)
+    assert (result.estimate, result.interval[0], result.standard_error) == (0.0, 0.0, None)
+    assert 0.0 < result.interval[1] < math.inf
 
-    def test_interval_is_the_kept_d_prime(self):
-        counts, law = Counts("same-different", 9, 12, 3, 12), rule_of("same-different", DIFFERENCING)
-        low, high = d_prime(counts, rule=DIFFERENCING).interval
-        assert exact_p_value(counts, law, low + 2e-3) > 0.05
-        assert exact_p_value(counts, law, high - 2e-3) > 0.05
-        beyond = [*np.linspace(0.0, low - 1e-3, 40), *np.linspace(high + 1e-3, high + 6.0, 60)]
-        assert max(exact_p_value(counts, law, d) for d in beyond) <= 0.05
 
-    def test_proportion_is_clopper_and_pearson(self):
-        counts, law = Counts("abx", 9, 12, 3, 12), rule_of("abx", INDEPENDENT)
-        interval = d_prime(counts, rule=law.name, method="proportion").interval
-        assert law.proportion_correct(interval) == pytest.approx(score_interval(counts), abs=1e-12)
+@pytest.mark.parametrize("method", ["exact", "profile", "proportion"])
+def test_perfect_score(method):
+    result = d_prime(Counts("abx", 5, 5, 0, 5), rule=DIFFERENCING, method=method)
+    assert (result.estimate, result.open_above, result.standard_error) == (math.inf, True, None)
+    assert result.interval[0] > 0.0
+    assert "open)" in str(result)
 
-    def test_too_many_outcomes_have_a_profile(self):
-        low, high = d_prime(MANY, rule=DIFFERENCING, method="profile").interval
-        assert 1.0 < low < high < 3.0
+
+@pytest.mark.parametrize("method", ["exact", "profile"])
+@pytest.mark.parametrize("numbers", [(6, 6, 6, 6), (0, 6, 0, 6), (4, 6, 0, 0), (0, 0, 2, 6)])
+def test_nothing_learnt(method, numbers):
+    result = d_prime(Counts("same-different", *numbers), rule=DIFFERENCING, method=method)
+    assert (result.undetermined, result.interval) == (True, (0.0, math.inf))
+    assert "say nothing of d'" in str(result)
+
+
+def test_the_standard_error_is_the_scatter_of_many_trials(law):
+    """2000 subjects of 20 000 trials: the variance has 3.2 % error; 4.9 of it is the limit (1e-6)."""
+    rng, n = np.random.default_rng(7), 10_000
+    hit, false_alarm = (float(x) for x in law.rates(1.5, law.unbiased(1.5) + 0.2))
+    estimates, _ = law.invert(rng.binomial(n, hit, 2000) / n, rng.binomial(n, false_alarm, 2000) / n)
+    counts = Counts(law.task, round(n * hit), n, round(n * false_alarm), n)
+    error = d_prime(counts, rule=law.name, method="profile").standard_error
+    assert np.var(estimates) == pytest.approx(error**2, rel=4.9 * math.sqrt(2.0 / 2000))
+
+
+def test_a_standard_error_only_where_zero_is_excluded():
+    assert d_prime(Counts("same-different", 4, 6, 2, 6), rule=INDEPENDENT).standard_error is None
+
+
+@pytest.mark.parametrize("d", [0.0, 0.8, 2.5])
+def test_p_is_the_definition(law, d):
+    """p is the sum over all outcomes that are no likelier, at the worst of 400 criteria."""
+    m, n = 5, 4
+    deviance = Outcomes.all(m, n).deviance(law, d).reshape(m + 1, n + 1)
+    hit, false_alarm = law.rates(d, np.linspace(*law.criterion_range(d, 1e-6, 1.0 - 1e-6), 400))
+    of_hits = binom.pmf(np.arange(m + 1), m, hit[:, None])
+    of_alarms = binom.pmf(np.arange(n + 1), n, false_alarm[:, None])
+    found = exact_p_values(law, m, n, d).reshape(m + 1, n + 1)
+    for h, f in np.ndindex(m + 1, n + 1):
+        expected = np.einsum("ci,cj,ij->c", of_hits, of_alarms, deviance >= deviance[h, f] - 1e-7).max()
+        assert found[h, f] == pytest.approx(expected, abs=5e-4)
+        assert exact_p_value(Counts(law.task, h, m, f, n), law, d) == pytest.approx(found[h, f], abs=1e-12)
+
+
+def test_the_exact_interval_is_the_kept_d_prime():
+    counts, law = Counts("same-different", 9, 12, 3, 12), rule_of("same-different", DIFFERENCING)
+    low, high = d_prime(counts, rule=DIFFERENCING).interval
+    assert exact_p_value(counts, law, low + 2e-3) > 0.05
+    assert exact_p_value(counts, law, high - 2e-3) > 0.05
+    beyond = [*np.linspace(0.0, low - 1e-3, 40), *np.linspace(high + 1e-3, high + 6.0, 60)]
+    assert max(exact_p_value(counts, law, d) for d in beyond) <= 0.05
+
+
+def test_proportion_is_clopper_and_pearson():
+    counts, law = Counts("abx", 9, 12, 3, 12), rule_of("abx", INDEPENDENT)
+    interval = d_prime(counts, rule=law.name, method="proportion").interval
+    assert law.proportion_correct(interval) == pytest.approx(score_interval(counts), abs=1e-12)
+
+
+def test_too_many_outcomes_have_a_profile():
+    low, high = d_prime(MANY, rule=DIFFERENCING, method="profile").interval
+    assert 1.0 < low < high < 3.0
 
 
 @pytest.mark.parametrize(
@@ -233,44 +234,47 @@ def test_score():
     assert binomial_test(counts) == pytest.approx(11 / 1024)
 
 
-class TestObservers:
-    """Rates against integrals over the observations."""
+# Rates against integrals over the observations.
 
-    @pytest.mark.parametrize(("d", "k"), [(0.0, 1.0), (0.3, 0.2), (1.0, 2.5), (2.0, 1.0), (3.5, 2.5)])
-    def test_differencing_at_any_criterion(self, d, k):
-        expected = reference.same_different_differencing(d, k)
-        assert rule_of("same-different", DIFFERENCING).rates(d, k) == pytest.approx(expected, abs=1e-10)
 
-    @pytest.mark.parametrize("d", [0.3, 1.0, 3.5])
-    @pytest.mark.parametrize(
-        ("task", "rule", "observer"),
-        [
-            ("same-different", INDEPENDENT, reference.same_different_independent),
-            ("same-different", INDEPENDENT, lambda d: reference.same_different_likelihood(d, 0.0)),
-            ("abx", INDEPENDENT, reference.abx_independent),
-            ("abx", DIFFERENCING, reference.abx_differencing),
-            ("2ifc", INDEPENDENT, reference.two_intervals),
-            ("2ifc", DIFFERENCING, reference.two_intervals),
-        ],
-    )
-    def test_without_bias(self, task, rule, observer, d):
-        assert rule_of(task, rule).rates(d) == pytest.approx(observer(d), abs=1e-10)
+@pytest.mark.parametrize(("d", "k"), [(0.0, 1.0), (0.3, 0.2), (1.0, 2.5), (2.0, 1.0), (3.5, 2.5)])
+def test_differencing_at_any_criterion(d, k):
+    expected = reference.same_different_differencing(d, k)
+    assert rule_of("same-different", DIFFERENCING).rates(d, k) == pytest.approx(expected, abs=1e-10)
 
-    @pytest.mark.parametrize(("d", "bias"), [(0.5, -0.7), (2.0, 0.3), (3.5, 1.2)])
-    def test_two_intervals_at_any_bias(self, d, bias):
-        law, expected = rule_of("2ifc", INDEPENDENT), reference.two_intervals(d, bias)
-        assert law.rates(d, -bias / math.sqrt(2)) == pytest.approx(expected, abs=1e-10)
-        assert float(law.invert(*expected)[0]) == pytest.approx(d, abs=1e-8)
 
-    @pytest.mark.parametrize("d", [1.0, 2.0, 3.0])
-    def test_what_the_approximation_makes_of_a_bias(self, d):
-        """With bias d' is up to 0.13 too large in same-different, 0.03 off in ABX (docs/psychophysics.md)."""
-        same_different, abx = rule_of("same-different", INDEPENDENT), rule_of("abx", DIFFERENCING)
-        for bias in (-0.6, 0.6):
-            found = float(same_different.invert(*reference.same_different_likelihood(d, bias))[0])
-            assert 0.0 < found - d < 0.13
-        found = float(abx.invert(*reference.abx_differencing(d, 0.8))[0])
-        assert abs(found - d) < 0.035
+@pytest.mark.parametrize("d", [0.3, 1.0, 3.5])
+@pytest.mark.parametrize(
+    ("task", "rule", "observer"),
+    [
+        ("same-different", INDEPENDENT, reference.same_different_independent),
+        ("same-different", INDEPENDENT, lambda d: reference.same_different_likelihood(d, 0.0)),
+        ("abx", INDEPENDENT, reference.abx_independent),
+        ("abx", DIFFERENCING, reference.abx_differencing),
+        ("2ifc", INDEPENDENT, reference.two_intervals),
+        ("2ifc", DIFFERENCING, reference.two_intervals),
+    ],
+)
+def test_rates_without_bias(task, rule, observer, d):
+    assert rule_of(task, rule).rates(d) == pytest.approx(observer(d), abs=1e-10)
+
+
+@pytest.mark.parametrize(("d", "bias"), [(0.5, -0.7), (2.0, 0.3), (3.5, 1.2)])
+def test_two_intervals_at_any_bias(d, bias):
+    law, expected = rule_of("2ifc", INDEPENDENT), reference.two_intervals(d, bias)
+    assert law.rates(d, -bias / math.sqrt(2)) == pytest.approx(expected, abs=1e-10)
+    assert float(law.invert(*expected)[0]) == pytest.approx(d, abs=1e-8)
+
+
+@pytest.mark.parametrize("d", [1.0, 2.0, 3.0])
+def test_what_the_approximation_makes_of_a_bias(d):
+    """With bias d' is up to 0.13 too large in same-different, 0.03 off in ABX (docs/psychophysics.md)."""
+    same_different, abx = rule_of("same-different", INDEPENDENT), rule_of("abx", DIFFERENCING)
+    for bias in (-0.6, 0.6):
+        found = float(same_different.invert(*reference.same_different_likelihood(d, bias))[0])
+        assert 0.0 < found - d < 0.13
+    found = float(abx.invert(*reference.abx_differencing(d, 0.8))[0])
+    assert abs(found - d) < 0.035
 
 
 @settings(max_examples=40, deadline=None)
@@ -296,36 +300,33 @@ def check_rows(rows) -> None:
         assert row.exact >= (0.85 if row.exact_open > 0.5 else 0.90)
 
 
-class TestCoverage:
-    @pytest.mark.parametrize(("task", "rule"), BOTH)
-    @pytest.mark.parametrize("shift", [0.0, 0.5, -0.5])
-    def test_twelve_trials(self, task, rule, shift):
-        check_rows(
-            enumerate_estimator(task, rule, trials=12, shift=shift, d_primes=np.linspace(0.0, 4.0, 17))
-        )
+@pytest.mark.parametrize(("task", "rule"), BOTH)
+@pytest.mark.parametrize("shift", [0.0, 0.5, -0.5])
+def test_coverage_of_twelve_trials(task, rule, shift):
+    check_rows(enumerate_estimator(task, rule, trials=12, shift=shift, d_primes=np.linspace(0.0, 4.0, 17)))
 
-    @pytest.mark.parametrize(("task", "rule"), [("same-different", DIFFERENCING), ("abx", INDEPENDENT)])
-    def test_of_the_intervals_themselves(self, task, rule):
-        """Coverage by `d_prime` of every outcome of 6 trials."""
-        law, d_primes = rule_of(task, rule), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-        counts = [Counts(task, h, 3, f, 3) for h in range(4) for f in range(4)]
-        low, high = np.array([d_prime(one, rule=rule).interval for one in counts]).T
-        for d, row in zip(
-            d_primes, enumerate_estimator(task, rule, trials=6, d_primes=d_primes), strict=True
-        ):
-            p = outcome_probabilities(law, 6, d, float(law.unbiased(d)))
-            assert p.sum() == pytest.approx(1.0)
-            assert row.exact - 1e-9 <= float(p @ ((low <= d) & (d <= high))) <= row.exact + 0.02
-            assert float(p @ np.isinf(high)) == pytest.approx(row.exact_open, abs=1e-9)
 
-    @pytest.mark.slow
-    @pytest.mark.parametrize(("task", "rule"), BOTH)
-    @pytest.mark.parametrize("trials", [48, 200])
-    def test_more_trials(self, task, rule, trials):
-        for shift in (0.0, 0.5, -0.5):
-            rows = enumerate_estimator(task, rule, trials=trials, shift=shift)
-            check_rows(rows)
-            assert min(row.profile for row in rows) > 0.85
+@pytest.mark.parametrize(("task", "rule"), [("same-different", DIFFERENCING), ("abx", INDEPENDENT)])
+def test_coverage_of_the_intervals_themselves(task, rule):
+    """Coverage by `d_prime` of every outcome of 6 trials."""
+    law, d_primes = rule_of(task, rule), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+    counts = [Counts(task, h, 3, f, 3) for h in range(4) for f in range(4)]
+    low, high = np.array([d_prime(one, rule=rule).interval for one in counts]).T
+    for d, row in zip(d_primes, enumerate_estimator(task, rule, trials=6, d_primes=d_primes), strict=True):
+        p = outcome_probabilities(law, 6, d, float(law.unbiased(d)))
+        assert p.sum() == pytest.approx(1.0)
+        assert row.exact - 1e-9 <= float(p @ ((low <= d) & (d <= high))) <= row.exact + 0.02
+        assert float(p @ np.isinf(high)) == pytest.approx(row.exact_open, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("task", "rule"), BOTH)
+@pytest.mark.parametrize("trials", [48, 200])
+def test_coverage_of_more_trials(task, rule, trials):
+    for shift in (0.0, 0.5, -0.5):
+        rows = enumerate_estimator(task, rule, trials=trials, shift=shift)
+        check_rows(rows)
+        assert min(row.profile for row in rows) > 0.85
 
 
 def test_worst_cases_are_those_of_the_docs():

@@ -438,14 +438,12 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
     """
 
     def __init__(
-        self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, lines: int,
-        columns: Sequence[str] = (),
+        self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, columns: Sequence[str] = ()
     ) -> None:  # fmt: skip
         self.path, self.side_car, self.end = path, side_car, end
         self.notes: tuple[str, ...] = ()
         self._file: int | None = file
-        self._reader, self._lines = reader, lines
-        self._columns = columns or side_car.columns
+        self._reader, self._columns = reader, columns or side_car.columns
         # Onsets never go back, even if the wall clock was set back.
         since = datetime.now(UTC) - datetime.fromisoformat(side_car.started)
         self._zero = time.monotonic() - max(since.total_seconds(), end)
@@ -527,7 +525,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
             columns = _checked_columns(path, content, first)
             replay(os.fspath(path), reader.rows, order)
             end = max((_end(row) for _, row in reader.rows), default=0.0)
-            result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
+            result = cls(path, file, first, end, reader, columns)
             if len(content) > len(file_bytes):
                 synced_write(file, path, content[len(file_bytes) :])
             if torn:
@@ -551,7 +549,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         write_text(side_car_path(path), text)
         sync_folder(path.parent)
-        return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
+        return cls(path, file, side_car, 0.0, RowReader(side_car.task))
 
     def elapsed(self) -> float:
         """Time since the start of the run, across resumptions [s]; gives the onset of an answer."""
@@ -579,8 +577,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         with amend_error("answer: "):  # parsed as it will be read: no row is written that cannot be read back
             row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
         synced_write(self._file, self.path, line)
-        self._lines += 1
-        self._reader.add(self._lines, row)
+        self._reader.add(len(self._reader.rows) + 2, row)
         self.end = max(self.end, _end(row))
 
     def close(self) -> None:
@@ -594,7 +591,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
 
     def __repr__(self) -> str:
         state = "closed" if self._file is None else "open"
-        return f"AnswerFile({os.fspath(self.path)!r}, {self._lines - 1} answers, {state})"
+        return f"AnswerFile({os.fspath(self.path)!r}, {len(self._reader.rows)} answers, {state})"
 
 
 def _end(row: AnswerRow) -> float:

@@ -43,7 +43,6 @@ class ConditionalHits:
 
     Attributes
     ----------
-    signals : int
     probability : ndarray, shape (signals + noises + 1, signals + 1)
         Probability of 0, 1, ... signals hits, one row for each K.
     mean : ndarray, shape (signals + noises + 1,)
@@ -54,7 +53,6 @@ class ConditionalHits:
         Whether more than one number of hits is possible.
     """
 
-    signals: int
     probability: Floats
     mean: Floats
     variance: Floats
@@ -110,7 +108,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     variance = np.maximum(0.0, probability @ hits**2 - mean**2)
     for array in (probability, mean, variance, informative):
         array.flags.writeable = False
-    return ConditionalHits(signals, probability, mean, variance, informative)
+    return ConditionalHits(probability, mean, variance, informative)
 
 
 def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_ways: Floats) -> Floats:
@@ -119,7 +117,12 @@ def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_way
     # With no answers, or only these answers, one number of hits is possible.
     log_odds = np.zeros(signals + noises + 1)
     log_odds[1:-1] = np.log(hit) - np.log1p(-hit) - np.log(false_alarm) + np.log1p(-false_alarm)
-    number = _number_of_answers(hit, false_alarm, signals, noises)
+    of_signals, of_noises = (
+        np.fft.rfft(scipy.stats.binom.pmf(np.arange(n + 1), n, rate[:, None]), len(log_odds))
+        for n, rate in ((signals, hit), (noises, false_alarm))
+    )
+    # Probability of each number of answers, one row for each pair of rates
+    number = np.fft.irfft(of_signals * of_noises, len(log_odds))
     probability = _tilted(log_ways, log_odds)
     for _ in range(_CORRECTIONS):
         mean = probability @ hits
@@ -144,14 +147,6 @@ def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> t
     z = halving(few, np.full(len(wanted), -38.0), np.full(len(wanted), 8.2), _HALVINGS)[0]
     hit, false_alarm = (np.clip(rate, 1e-300, 1.0 - 1e-16) for rate in rates(z))
     return hit, false_alarm
-
-
-def _number_of_answers(hit: Floats, false_alarm: Floats, signals: int, noises: int) -> Floats:
-    """Probability of each number of answers, one row for each pair of rates."""
-    length = signals + noises + 1
-    of_signals = scipy.stats.binom.pmf(np.arange(signals + 1), signals, hit[:, None])
-    of_noises = scipy.stats.binom.pmf(np.arange(noises + 1), noises, false_alarm[:, None])
-    return np.asarray(np.fft.irfft(np.fft.rfft(of_signals, length) * np.fft.rfft(of_noises, length), length))
 
 
 def _tilted(log_ways: Floats, log_odds: Floats) -> Floats:
@@ -252,7 +247,9 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
     error = np.where(error > 1e-12 * np.maximum(np.abs(mean), 1.0), error, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(mean == 0.0, 0.0, mean / error)
-        skewness = np.where(error > 0.0, np.sum(apart**3, axis=1) / square**1.5, 0.0)  # divided by the root of n
+        skewness = np.where(
+            error > 0.0, np.sum(apart**3, axis=1) / square**1.5, 0.0
+        )  # divided by the root of n
         corrected = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
     both = np.where(np.isfinite(t), corrected, t), t
     # One subject gives no scatter: the exact test alone decides.
@@ -266,7 +263,7 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
 def _exact_tails(
     total: Integers, answers: Integers, subjects: Sequence[ConditionalHits]
 ) -> tuple[Floats, Floats]:
-    length = sum(s.signals for s in subjects) + 1
+    length = sum(subject.probability.shape[1] - 1 for subject in subjects) + 1
     alike: dict[int, list[int]] = {}
     for i, subject in enumerate(subjects):
         alike.setdefault(id(subject), []).append(i)
@@ -863,7 +860,7 @@ class SelectionEffect:
     def p_value(self, mean: float) -> float:
         """Probability that guessing subjects, so selected, have at least this mean score."""
         # A mean from a division is off by rounding.
-        return float(min(1.0, self.distribution[max(0, int(np.ceil(mean * self.kept - 1e-9))):].sum()))
+        return float(min(1.0, self.distribution[max(0, int(np.ceil(mean * self.kept - 1e-9))) :].sum()))
 
     @cached_property
     def distribution(self) -> Floats:

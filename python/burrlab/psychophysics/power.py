@@ -42,8 +42,10 @@ class Observer:
         self.hit, self.false_alarm = ((1.0 - lapse) * float(rate) + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
-        of_each = (scipy.stats.binom.pmf(k, self.half, p) for p in (self.hit, 1.0 - self.false_alarm))
-        self.scores: Floats = np.convolve(*of_each)
+        of_signals, of_noises = (
+            scipy.stats.binom.pmf(k, self.half, p) for p in (self.hit, 1.0 - self.false_alarm)
+        )
+        self.scores: Floats = np.convolve(of_signals, of_noises)
 
     def group(self, subjects: int, level: float) -> float:
         """Power of the one-sided t test on the scores of this number of subjects, at least two."""

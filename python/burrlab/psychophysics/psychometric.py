@@ -399,9 +399,8 @@ def psychometric_function(
         for name in ("threshold", "width", "lambda")
     )
     sides = {ratio > 1.0 for ratio in ratios}
-    for end, beyond in (("lower", threshold[1] < data[0, 0]), ("upper", threshold[2] > data[-1, 0])):
-        if beyond and ("threshold", end) not in at_bounds:
-            at_bounds.append(("threshold", end))
+    beyond = {"lower": threshold[1] < data[0, 0], "upper": threshold[2] > data[-1, 0]}
+    at_bounds += [("threshold", end) for end in beyond if beyond[end]]
     return PsychometricFit(
         *_ends([math.exp(math.exp(value)) for value in threshold]),
         *_ends([_WIDTH_TIMES_SLOPE / width[i] for i in (0, 2, 1)]),
@@ -416,7 +415,7 @@ def psychometric_function(
         side="both" if len(sides) == 2 else "above" if sides == {True} else "below",
         parameter=parameter,
         reference=None if reference is None else float(reference),
-        at_bounds=tuple(at_bounds),
+        at_bounds=tuple(dict.fromkeys(at_bounds)),
         provenance=provenance(psignifit=version("psignifit")),
     )
 

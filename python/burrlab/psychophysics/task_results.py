@@ -207,7 +207,7 @@ class OneSubject:
     @property
     def complete(self) -> bool:
         """Whether all planned trials were answered."""
-        return self.planned is None or self.trials >= self.planned  # type: ignore[attr-defined, no-any-return]
+        return self.planned is None or self.trials >= self.planned  # type: ignore[attr-defined]
 
 
 Subject = TypeVar("Subject", bound=OneSubject)

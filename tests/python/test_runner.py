@@ -223,6 +223,10 @@ def test_lost_device_is_not_asked(scene):
             lambda: scene.run(FOUR, seat, order=order, device=device),
             r"the device was lost during an interval: .*lost",
         ),
+        (
+            lambda: scene.run(FOUR, paper(wall_clock=True), device=lambda mode: burrlab.MailboxDevice()),
+            "it gives no position",
+        ),
         error=DeviceLost,
     )
     assert len(scene.kept) == len(order.answered) == 2
@@ -230,16 +234,6 @@ def test_lost_device_is_not_asked(scene):
     assert scene.run(FOUR, again, order=order) == 2
     assert "You go on where you stopped." in seen(again)[1]
     assert_whole(scene.kept, order)
-
-
-def test_silent_device_is_lost_too(scene):
-    refused(
-        (
-            lambda: scene.run(FOUR, paper(wall_clock=True), device=lambda mode: burrlab.MailboxDevice()),
-            "it gives no position",
-        ),
-        error=DeviceLost,
-    )
 
 
 @pytest.mark.parametrize("stalls", [1, 2])

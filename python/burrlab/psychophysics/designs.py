@@ -554,8 +554,7 @@ class ComparisonDesign(TaskDesign):
 
     @property
     def _material(self) -> Material:
-        assert self.reference.material is not None
-        return self.reference.material
+        return rendered("reference", self.reference)
 
     @abstractmethod
     def extremes(self) -> Sequence[float]:

@@ -22,6 +22,7 @@ from burrlab.psychophysics.designs import (
     Order,
     TaskDesign,
     Trial,
+    rendered,
 )
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
@@ -183,11 +184,10 @@ def stood_in(design: TaskDesign, interval: Interval) -> Interval:
 
 def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cues:
     stand_in = stood_in(design, interval)
-    assert stand_in.stimulus.material is not None
     assert stand_in.duration is not None
     seed = 1 if design.mode == "probing" else 1 + interval.seed % REPLICATES
     return rendered_cues(
-        stand_in.stimulus.material, design.mode, burr=burr, bone=bone, duration=stand_in.duration, seed=seed,
+        rendered("stimulus", stand_in.stimulus), design.mode, burr=burr, bone=bone, duration=stand_in.duration, seed=seed,
         boundary=interval.boundary,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from replica_scenes import soon
 from session_scenes import ended, make_records, new_writer, session_of, small_bone, writer
 
 import burrlab.session.recorder as trace_writer
@@ -42,9 +43,7 @@ def kill(nursery, folder, after):
     """Starts a session and kills it `after` seconds after its trace exists; (ticks executed, stage)."""
     (folder / "ticks").write_bytes(bytes(9))
     tell(nursery, str(folder), "go")
-    end = time.monotonic() + 60
-    while not (folder / "session.h5").exists() and time.monotonic() < end:
-        time.sleep(0.001)
+    soon((folder / "session.h5").exists, 60.0)
     time.sleep(after)
     tell(nursery, "kill", "over")
     shown = (folder / "ticks").read_bytes()
@@ -217,8 +216,7 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
     device.put((3.0, 3.0, 6.0))
     recorder.start()
     loop.start()
-    while recorder.recorded < 50:
-        time.sleep(0.005)
+    assert soon(lambda: recorder.recorded >= 50)
     hangs.set()
     assert told.wait(30)
     assert loop.running

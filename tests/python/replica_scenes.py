@@ -14,7 +14,7 @@ from dataclasses import fields
 
 import wire
 
-from burrlab import Burr, HandDevice, Publish, _core, materials
+from burrlab import Burr, Clock, HandDevice, Publish, Session, StartingBone, _core, materials
 from burrlab.session.network import block_recipe, make_bone, open_publisher
 
 VOXEL = 0.2
@@ -32,6 +32,15 @@ def soon(condition, seconds=20.0):
             return True
         time.sleep(0.005)
     return bool(condition())
+
+
+def published(seconds):
+    """A session on a small block that a hand cuts, on a free port."""
+    source = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
+    return Session(
+        StartingBone(make_bone(source), source=source), (Burr(2.0), materials["bone"]),
+        HandDevice((0.0, 0.0, 2.2), strokes_after=0.0), seed=11, duration=seconds, publish=0, clock=Clock(realtime=False),
+    )  # fmt: skip
 
 
 class Leader:

@@ -63,11 +63,8 @@ def path(tick, burr):
     return (s, -2.5, 2.0 - depth) if burr == 0 else (2.5, s, 1.5 - depth)
 
 
-def make_records(bone, n, *, burrs=1, first=0, seed=SEED, place=path, after=lambda: None):
-    """n ticks of 1 ms that carve `bone`, one contact a burr; some ticks have k = 3 or a burr at rest.
-
-    `place(tick, burr)` is a burr's place; `after` is called after each tick.
-    """
+def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
+    """n ticks of 1 ms that carve `bone`, one contact a burr; some ticks have k = 3 or a burr at rest."""
     contacts = [
         BurrContact(bone, burr, material, seed, index) for index, (burr, material) in enumerate(tools(burrs))
     ]
@@ -78,7 +75,7 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED, place=path, after=lamb
         record["index"], record["k"], record["burrs"] = tick, k, burrs
         record["time"], record["cpu_time"] = 0.001 * i, 12.5
         for j, contact in enumerate(contacts):
-            at, on = place(tick, j), tick % 211 < 180
+            at, on = path(tick, j), tick % 211 < 180
             contact.tick = tick
             met = contact.step(at, float(k), on)
             b = record["burr"][j]
@@ -89,7 +86,6 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED, place=path, after=lamb
             b["sent"], b["device_position"] = met.force * 0.5, at
             b["device_velocity"], b["age"] = (1.0, 2.0, 3.0), 0.25
             b["orientation"], b["buttons"] = (np.cos(i), 0.0, 0.6 * np.sin(i), 0.8 * np.sin(i)), i % 4
-        after()
     return records
 
 

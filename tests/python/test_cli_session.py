@@ -13,18 +13,16 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from command_line import call, refusal, result
-from replica_scenes import soon
+from replica_scenes import published, soon
 
 import burrlab
 import burrlab.cli.session as cli_session
 from burrlab.cli import main
 from burrlab.effects.companion import Companion
-from burrlab.session.network import block_recipe, make_bone
 
 FILES = Path(__file__).parents[1] / "golden/files"
 FAST = ["--voxel", "0.4", "--radius", "3", "--seed", "5"]
 HAND = ["--device", "hand", *FAST]
-BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
 def test_hand_recorded(tmp_path, capsys):
@@ -261,19 +259,6 @@ def shown(monkeypatch):
     return served
 
 
-def leader(seconds):
-    """A published block that a hand cuts."""
-    return burrlab.Session(
-        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
-        (burrlab.Burr(2.0), burrlab.materials["bone"]),
-        burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0),
-        seed=11,
-        duration=seconds,
-        publish=0,
-        clock=burrlab.Clock(realtime=False),
-    )
-
-
 def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     file = tmp_path / "said.json"
     arguments = ["session", *HAND, "--duration", "1.5", "--no-realtime", "--web", "--effects", "--stereo"]
@@ -301,7 +286,7 @@ def test_without_effects_nothing_is_said_of_them(shown, capsys):
 def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
     """Effects are also reported if a duration ends the replica while it is shown."""
     file = tmp_path / "said.json"
-    with leader(60.0) as session:
+    with published(60.0) as session:
         assert soon(lambda: session.snapshot()[0].removed > 0)
         where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]
         assert main([*where, "--duration", "1.5"]) == 0
@@ -324,7 +309,7 @@ def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
 
 def test_effects_that_ended_early_are_said(monkeypatch):
     assert cli_session.end_effects(None) == ("", {})
-    with leader(0.3) as session:
+    with published(0.3) as session:
         companion = Companion(session, seed=1).start()
         session.wait()
     monkeypatch.setattr(Companion, "error", "no memory")

@@ -16,7 +16,7 @@ from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal, result
 from conftest import ROOT
 from pseudo_terminal import PseudoTerminal
-from session_scenes import ended, session_of
+from session_scenes import ended, refused, session_of
 
 from burrlab import (
     Burr,
@@ -302,8 +302,7 @@ def near(**distances):
     ],
 )  # fmt: skip
 def test_refusals(make, error, told):
-    with pytest.raises(error, match=told):
-        make()
+    refused((make, told, error))
 
 
 # --- Where a device stands ----------------------------------------------------------------------------------

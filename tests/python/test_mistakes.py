@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from replica_scenes import soon
 
 import burrlab
 from burrlab import Burr, VelocityCurve, VoxelBone, descend, fit, force_sweep, materials  # noqa: F401
@@ -268,9 +269,7 @@ def test_an_interrupt_does_not_wait_for_a_library() -> None:
 
 def test_a_block_that_takes_long_says_that_it_is_made(monkeypatch, caplog: pytest.LogCaptureFixture) -> None:
     def slow_half_space(*arguments: object, **options: object) -> object:
-        deadline = time.monotonic() + 60
-        while not caplog.messages and time.monotonic() < deadline:
-            time.sleep(0.01)
+        soon(lambda: caplog.messages, 60.0)
         return burrlab.half_space(*arguments, **options)
 
     monkeypatch.setattr("burrlab.common.progress.LONG", 0.05)

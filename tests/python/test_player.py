@@ -115,18 +115,6 @@ def test_given_up_states_take_no_change_with_them(states):
             assert np.isin(differ, history.changed_between(at, tick)).all()
 
 
-def test_a_burr_that_moves_on_while_states_are_given_up(tmp_path):
-    """One state changes bricks that the next ones do not change."""
-    bone, moments = small_bone(), [small_bone().digest()]
-    records = make_records(
-        bone, 600, place=lambda tick, _: (-5.0 + tick / 60, 0.0, 1.8), after=lambda: moments.append(bone.digest())
-    )  # fmt: skip
-    player = TracePlayer(recorded(tmp_path / "along.h5", records), every=0.02, memory=0.05)
-    for moment in (600, 0, 590, 310, 45, 600, 200, 0):
-        player.seek_tick(moment)
-        assert player.bone.digest() == moments[moment]
-
-
 def test_preparing_ends_when_asked(scene):
     player, cancel = TracePlayer(scene[0], every=0.1), threading.Event()
     assert not player.prepare(lambda part: cancel.set() if part > 0.2 else None, cancel=cancel)

@@ -11,6 +11,7 @@ from unittest.mock import DEFAULT, Mock
 import h5py
 import numpy as np
 import pytest
+from replica_scenes import published
 from session_scenes import file_size_limit
 
 import burrlab
@@ -19,7 +20,6 @@ from burrlab.cli import main
 from burrlab.cli.options import save_figure
 from burrlab.common.figures import new_figure
 from burrlab.common.files import kept_elsewhere
-from burrlab.session.network import block_recipe, make_bone
 from burrlab.view.film import write_video
 
 SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")
@@ -153,18 +153,8 @@ def test_a_replica_keeps_its_bone_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    block = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
-    session = burrlab.Session(
-        burrlab.StartingBone(make_bone(block), source=block),
-        (burrlab.Burr(2.0), burrlab.materials["bone"]),
-        burrlab.HandDevice((0.0, 0.0, 2.2)),
-        seed=1,
-        duration=60.0,
-        publish=0,
-        clock=burrlab.Clock(realtime=False),
-    )
     kept = tmp_path / "bone.h5"
-    with session:
+    with published(60.0) as session:
         where = ["replica", f"127.0.0.1:{session.port}", "--duration", "0.5"]
         assert main([*where, "--json", "/dev/full", "--save", str(kept)]) == 3
     told = capsys.readouterr()

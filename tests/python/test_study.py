@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from replica_scenes import soon
 
 from burrlab.common.study import Store, StudyInterrupted, cancel_event, run_items
 
@@ -35,9 +36,7 @@ def work(item: Item) -> tuple[int, float]:
             file.write(f"{item.number}\n")
         if item.number == 7 and os.path.exists(f"{item.folder}/poison"):
             if item.how == "kill":
-                deadline = time.monotonic() + 30
-                while len(Store(f"{item.folder}/s.jsonl")) < 6 and time.monotonic() < deadline:
-                    time.sleep(0.02)
+                soon(lambda: len(Store(f"{item.folder}/s.jsonl")) >= 6, 30.0)
                 os.kill(os.getpid(), signal.SIGKILL)
             raise ZeroDivisionError("item seven")
     return item.number, float(np.random.default_rng(item.number).normal())
@@ -250,24 +249,19 @@ def test_a_result_that_never_arrives_from_a_closed_client():
         run_items(work, [Item(1)], executor=lost)
 
 
-@pytest.mark.parametrize("chunk", [1, 4])
-def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path, when_reached, chunk):
-    """A real signal arrives while all cores work without end; of a chunk, what was done then is kept."""
+@pytest.mark.parametrize(("chunk", "workers"), [(1, None), (4, None), (1, 2)])
+def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path, when_reached, chunk, workers):
+    """A real signal arrives while all work without end; of a chunk, what was done then is kept. Threads of the caller
+    are told to end too: the exit of their executor waits for them."""
     store, before = Store(tmp_path / "s.jsonl"), threading.active_count()
     when_reached(os.kill, os.getpid(), signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        run_items(wait_for_the_end, range(1000), store=store, chunk=chunk)
+    with (
+        contextlib.nullcontext() if workers is None else ThreadPoolExecutor(workers) as pool,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        run_items(wait_for_the_end, range(1000), executor=pool, store=store, chunk=chunk)
     assert len(store) == 3
     assert threading.active_count() <= before + 1, "the threads made there are gone"
-
-
-def test_threads_of_the_caller_are_told_to_end(when_reached):
-    when_reached(os.kill, os.getpid(), signal.SIGINT)
-    with (
-        ThreadPoolExecutor(2) as threads,
-        pytest.raises(KeyboardInterrupt),
-    ):  # the executor's exit waits for its threads
-        run_items(wait_for_the_end, range(1000), executor=threads)
 
 
 def slowly(item: Item) -> tuple[int, float]:
@@ -289,9 +283,7 @@ def test_a_study_that_is_killed_goes_on(tmp_path):
     path = tmp_path / "s.jsonl"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
     with subprocess.Popen([sys.executable, "-c", KILLED, tmp_path], env=environment) as process:
-        deadline = time.monotonic() + 60
-        while len(calls(tmp_path)) < 20 and time.monotonic() < deadline:
-            time.sleep(0.02)
+        soon(lambda: len(calls(tmp_path)) >= 20, 60.0)
         process.kill()
     done, begun = len(Store(path)), len(calls(tmp_path))
     assert 0 < done <= begun < 100

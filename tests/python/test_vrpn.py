@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import wire
 from replica_scenes import BLOCK, Leader, soon
+from session_scenes import refused
 
 from burrlab import (
     Burr,
@@ -420,15 +421,9 @@ def test_session_over_vrpn():
             newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
         np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
         assert (onward.counters["lost"], onward.note) == (0, "")
-    with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
-        Session(make_bone(BLOCK), TOOL, ReplayDevice(place), publish=Publish(vrpn=70000))
-    with (
-        socket.create_server(("127.0.0.1", 0)) as taken,
-        pytest.raises(ValueError, match="host and port must be free to listen on"),
-    ):
-        Session(
-            make_bone(BLOCK),
-            TOOL,
-            ReplayDevice(place),
-            publish=Publish(vrpn=taken.getsockname()[1]),
-        )
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        publish = Publish(vrpn=taken.getsockname()[1])
+        refused(
+            (lambda: Publish(vrpn=70000), r"vrpn must be a whole number from 0 and below 2\^16"),
+            (lambda: Session(make_bone(BLOCK), TOOL, ReplayDevice(place), publish=publish), "host and port must be free"),
+        )  # fmt: skip

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import call, refusal, result
+from command_line import call, refusal, result, said
 
 import burrlab
 
@@ -67,26 +67,23 @@ def test_another_law(capsys, tmp_path):
     burrlab.synthetic_indentation(burr, material, [0.1, 0.2, 0.4], repeats=4, scatter=0.05, seed=1).to_csv(
         presses
     )
-    code, out, _ = call(capsys, "laws", curve, "--indentation", presses, "--plot", figure, "--json", result)
-    assert (code, "Kobra alone is left." in out, figure.stat().st_size > 10_000) == (0, True, True)
+    told = said(capsys, "laws", curve, "--indentation", presses, "--plot", figure, "--json", result)
+    assert ("Kobra alone is left." in told, figure.stat().st_size > 10_000) == (True, True)
     assert json.loads(result.read_text())["rows"][0]["law"] == "kobra"
-    assert call(capsys, "laws", curve, "--laws", "paper,kobra")[1].count("contradicted") == 1
+    assert said(capsys, "laws", curve, "--laws", "paper,kobra").count("contradicted") == 1
     exponents = ["--force-exponent", 2, "--rate-exponent", 1]
-    assert (
-        "law parabolic, F ~ h^2, rate ~ F^1"
-        in call(capsys, "fit", curve, "--indentation", presses, *exponents)[1]
-    )
+    told = said(capsys, "fit", curve, "--indentation", presses, *exponents)
+    assert "law parabolic, F ~ h^2, rate ~ F^1" in told
 
 
 def test_overrides_and_figure(capsys, tmp_path):
     figure, file = tmp_path / "run.png", tmp_path / "run.json"
-    code, out, _ = call(
+    told = said(
         capsys, "descend", "--force", 1.0, "--c-e", 1.5, "--alpha", 0.1, "--shape", "quartic", "--voxel", 0.6, "--ideal",
         "--force-exponent", 2, "--rate-exponent", 0.5, "--seed", 2, "--plot", figure, "--json", file,
     )  # fmt: skip
-    assert code == 0
     for words in ("mm/s", "coarse", "seed 2"):
-        assert words in out
+        assert words in told
     assert figure.stat().st_size > 10_000
     made = json.loads(file.read_text())["material"]
     assert (made["c_e"], made["alpha"], made["shape"]) == (1.5, 0.1, "quartic")
@@ -173,8 +170,8 @@ def test_an_interrupted_run_exits_130(capsys, monkeypatch):
 
     hold = module.hold
     monkeypatch.setattr(module, "hold", lambda *arguments: hold(*arguments[:-1], lambda _: True))
-    code, out, _ = call(capsys, "descend", "--force", 0.3, "--voxel", 0.4, "--ideal", "--seed", 1)
-    assert (code, "interrupted" in out) == (130, True)
+    words = ("descend", "--force", 0.3, "--voxel", 0.4, "--ideal", "--seed", 1)
+    assert "interrupted" in said(capsys, *words, status=130)
 
 
 AT_AN_IMPORT = """
@@ -206,8 +203,8 @@ def test_ctrl_c_while_modules_load_is_no_traceback(modules):
 def test_what_a_sweep_reads_is_not_lost(told, capsys, here):
     profile = "x,f\n0,1\n0.5,0.8\n1,0\n"
     Path("f.csv").write_text(profile)
-    said = refusal(capsys, "sweep", *told, "--forces", "1", "--voxel", 0.4, "--out", "./f.csv")
-    assert said == "burrlab sweep: --out: ./f.csv is read, and would be lost\n"
+    sentence = refusal(capsys, "sweep", *told, "--forces", "1", "--voxel", 0.4, "--out", "./f.csv")
+    assert sentence == "burrlab sweep: --out: ./f.csv is read, and would be lost\n"
     assert Path("f.csv").read_text() == profile
 
 
@@ -226,12 +223,9 @@ def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(module.Study, "_keep", stop)
-        code, out, _ = call(capsys, *command, 5)
-    assert (code, "interrupted, the same command goes on from" in out) == (130, True)
-    code, out, _ = call(capsys, *command, 5)
-    assert (code, len(burrlab.Store(tmp_path / "s.jsonl")), "4 descents, 4 with a velocity" in out) == (
-        0, 4, True,
-    )  # fmt: skip
+        assert "interrupted, the same command goes on from" in said(capsys, *command, 5, status=130)
+    assert "4 descents, 4 with a velocity" in said(capsys, *command, 5)
+    assert len(burrlab.Store(tmp_path / "s.jsonl")) == 4
     assert "seed must be given with a store" in refusal(capsys, *command[:-1])
 
 

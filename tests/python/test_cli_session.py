@@ -12,7 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from command_line import call, refusal, result
+from command_line import refusal, result, said
 from replica_scenes import published, soon
 
 import burrlab
@@ -26,15 +26,14 @@ HAND = ["--device", "hand", *FAST]
 
 
 def test_hand_recorded(tmp_path, capsys):
-    path, figure, said = tmp_path / "hand.h5", tmp_path / "time.png", tmp_path / "said.json"
-    code, out, _ = call(
-        capsys, "session", *HAND, "--duration", 1, "--record", path, "--plot", figure, "--json", said
+    path, figure, file = tmp_path / "hand.h5", tmp_path / "time.png", tmp_path / "said.json"
+    told = said(
+        capsys, "session", *HAND, "--duration", 1, "--record", path, "--plot", figure, "--json", file
     )  # fmt: skip
-    assert code == 0
     for words in ("1000 ticks", "contact stiffness", "seed 5"):
-        assert words in out
+        assert words in told
     assert figure.stat().st_size > 10_000
-    plain = json.loads(said.read_text())
+    plain = json.loads(file.read_text())
     assert (plain["seed"], plain["ticks"], plain["state"]) == (5, 1000, "all ticks were executed")
     assert set(plain["times_us"]["jitter"]) == {"p50", "p99", "p99.9", "max"}
     assert set(plain["energy"][0]) == {"given_mJ", "most_mJ"}
@@ -46,10 +45,8 @@ def test_hand_recorded(tmp_path, capsys):
 def test_script_and_two_burrs(tmp_path, capsys):
     script, path = tmp_path / "way.csv", tmp_path / "two.h5"
     script.write_text("time_s,x_mm,y_mm,z_mm,on\n0,0,6,3.5,1\n0.2,0,6,2.7,1\n0.5,2,6,2.7,0\n")
-    code, out, _ = call(
-        capsys, "session", "--device", f"scripted:{script}", "--device", "hand", *FAST, "--record", path
-    )
-    assert (code, "device 0 has come to its end" in out) == (0, True)
+    words = ["session", "--device", f"scripted:{script}", "--device", "hand", *FAST, "--record", path]
+    assert "device 0 has come to its end" in said(capsys, *words)
     trace = burrlab.load_trace(path)
     np.testing.assert_allclose(trace.array("center_mm", burr=0)[0], (0, 6, 3.5), atol=0.05)
     assert trace.array("removed_levels", burr=0).sum() > 0
@@ -139,15 +136,15 @@ def test_leader_and_replica(start, tmp_path):
     assert told[1].endswith(" 0 different; ticks with another result: 0")
     assert told[2].startswith("connections: 1 made, 0 given up; ")
     assert early.returncode == 130
-    refused, said = start("replica", address, "--save", path)
-    assert "path must be a new file or a burrlab bone" in said
+    refused, complaint = start("replica", address, "--save", path)
+    assert "path must be a new file or a burrlab bone" in complaint
     assert refused.wait(60) == 2
     refused.communicate()
     late, _ = start("replica", address, "--save", bone, "--json", "-")
     time.sleep(0.5)
     leader.send_signal(signal.SIGINT)
-    out, said = leader.communicate(timeout=60)
-    assert leader.returncode == 130, said
+    out, complaint = leader.communicate(timeout=60)
+    assert leader.returncode == 130, complaint
     assert out.startswith("interrupted: ")
     status = json.loads(late.communicate(timeout=60)[0])
     trace = burrlab.load_trace(path)
@@ -193,13 +190,13 @@ def test_waiting_device_is_said(tmp_path):
 def test_wrong_input_of_a_replica(monkeypatch, capsys):
     missing = Mock(side_effect=FileNotFoundError("ct.nrrd: no such file"))
     monkeypatch.setattr("burrlab.cli.session.follow", missing)
-    for said, *words in (
+    for sentence, *words in (
         ("ct.nrrd: no such file; --volume says where the leader's volume lies here", "localhost:1"),
         ("argument HOST:PORT: must be HOST:PORT, got 'here'", "here"),
         ("--effects goes with --view or --web", "127.0.0.1:1", "--effects"),
         ("--stereo goes with --view or --web", "127.0.0.1:1", "--stereo"),
     ):
-        assert refusal(capsys, "replica", *words) == f"burrlab replica: {said}\n"
+        assert refusal(capsys, "replica", *words) == f"burrlab replica: {sentence}\n"
 
 
 def test_a_flat_trace_is_used_as_any_other(capsys, tmp_path):
@@ -215,7 +212,7 @@ def test_a_flat_trace_is_used_as_any_other(capsys, tmp_path):
     assert (replayed["equal"], replayed["ticks"], replayed["digests"]) == (True, 60, 1)
     assert replayed["digest"] == trace.digests[-1][1]
     assert result(capsys, "metrics", file)["removed_mm3"] > 0
-    call(capsys, "view", file, "--pictures", tmp_path / "slices.png")
+    said(capsys, "view", file, "--pictures", tmp_path / "slices.png")
     assert (tmp_path / "slices.png").stat().st_size > 10_000
 
 
@@ -233,14 +230,14 @@ def test_bones_for_cpp_programs(capsys, tmp_path):
     assert exported(FILES / "flat.burr", "--until", 40) == (flat.initial_digest, 40)
     assert exported(FILES / "bone.h5") == exported(tmp_path / "2.burr") == (bone.digest(), tick)
     assert exported("--volume", FILES / "grey.nrrd", "--map", "90:180") == (volume.digest(), 0)
-    for said, ending, *words in (
+    for sentence, ending, *words in (
         ("export needs one of FILE and, for .burr, --volume or --labels", "burr"),
         ("--map goes with a volume", "burr", FILES / "bone.h5", "--map", "90:180"),
         ("--until goes with a trace", "burr", FILES / "bone.h5", "--until", 3),
         ("--burr goes with --out FILE.hdf5", "burr", FILES / "flat.burr", "--burr", 1),
         ("--until goes with --out FILE.stl, .ply or .burr", "hdf5", FILES / "flat.burr", "--until", 40),
     ):
-        assert said in refusal(capsys, "export", *words, "--out", tmp_path / f"new.{ending}")
+        assert sentence in refusal(capsys, "export", *words, "--out", tmp_path / f"new.{ending}")
 
 
 @pytest.fixture
@@ -262,7 +259,7 @@ def shown(monkeypatch):
 def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     file = tmp_path / "said.json"
     arguments = ["session", *HAND, "--duration", "1.5", "--no-realtime", "--web", "--effects", "--stereo"]
-    said, plain = call(capsys, *arguments, "--json", file)[1], json.loads(file.read_text())
+    text, plain = said(capsys, *arguments, "--json", file), json.loads(file.read_text())
     session, companion, told = shown["source"], shown["effects"], plain["effects"]
     assert shown["stereo"]
     assert not companion.running
@@ -272,10 +269,10 @@ def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     assert told["balance_mm3"]["dust"]["made"] == pytest.approx(session.snapshot()[0].removed) != 0
     assert told["balance_mm3"]["water"]["made"] > 0
     assert all(account["exact"] for account in told["balance_mm3"].values())
-    assert f"effects at assumed rates, seed 5: {told['frames']} frames of at most" in said
-    assert "budget 20 ms: " in said
+    assert f"effects at assumed rates, seed 5: {told['frames']} frames of at most" in text
+    assert "budget 20 ms: " in text
     assert max(len(line) for line in str(companion.report()).splitlines()) <= 80  # a terminal's width
-    assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in said
+    assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in text
 
 
 def test_without_effects_nothing_is_said_of_them(shown, capsys):

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from command_line import call, refusal, result, said
+from command_line import refusal, result, said
 from conftest import ROOT
 from replica_scenes import soon
 from session_scenes import refused, session_of
@@ -197,17 +197,14 @@ def test_commands(stubs, capsys):
     ]  # fmt: skip
     assert {row["library"] for row in rows} == {stub.file for stub in stubs.values()}
     stubs["omega"].set(1, uncalibrated=1)
-    code, out, _ = call(capsys, "devices")
-    assert (code, "touch: Stub Touch, over " in out, "omega:1: omega:1 must be calibrated" in out) == (
-        0, True, True,
-    )  # fmt: skip
+    told = said(capsys, "devices")
+    assert ("touch: Stub Touch, over " in told, "omega:1: omega:1 must be calibrated" in told) == (True, True)
     words = ["session", "--voxel", "0.4", "--duration", "0.1", "--no-realtime"]
     words += ["--device", "omega", "--device", "touch:Left"]
     said(capsys, *words)
     assert "must be a device of its own" in refusal(capsys, *words, "--device", "touch:Alias")
     stubs["touch"].set(1, size=np.nan)
-    code, _, err = call(capsys, *words)
-    assert (code, "touch:Left gave an orientation that is not a rotation" in err) == (2, True)
+    assert "touch:Left gave an orientation that is not a rotation" in said(capsys, *words, status=2)
 
 
 def test_libraries_that_cannot_be_used(built, tmp_path, monkeypatch, capsys):

@@ -267,33 +267,26 @@ def test_wrong_parameters(file, change, said):
     assert list(file.parent.iterdir()) == []
 
 
-def test_a_file_that_is_not_whole_has_not_its_name(file, monkeypatch):
-    create = trace_writer.create
-
-    def killed(*args, **settings):
-        create(*args, **settings)
-        assert not file.exists()
-        raise OSError(5, "killed here")
-
-    monkeypatch.setattr(trace_writer, "create", killed)
-    with pytest.raises(OSError, match="killed here"):
-        writer(file)
-    assert list(file.parent.iterdir()) == []
-
-
-def test_a_file_that_comes_between(file, monkeypatch):
-    """Another session takes the name while this one makes its file; the other's trace stays."""
+@pytest.mark.parametrize(
+    ("theirs", "error", "said"),
+    [(None, OSError, "killed here"), ("theirs", FileExistsError, "path must be a new file")],
+)
+def test_a_file_has_its_name_when_it_is_whole(file, monkeypatch, theirs, error, said):
+    """None is left of one that was killed before; the trace of another session that took the name meanwhile stays."""
     create = trace_writer.create
 
     def slow(*args, **settings):
         places = create(*args, **settings)
-        file.write_text("theirs")
+        assert not file.exists()
+        if theirs is None:
+            raise OSError(5, "killed here")
+        file.write_text(theirs)
         return places
 
     monkeypatch.setattr(trace_writer, "create", slow)
-    with pytest.raises(FileExistsError, match="path must be a new file"):
+    with pytest.raises(error, match=said):
         writer(file)
-    assert (file.read_text(), list(file.parent.iterdir())) == ("theirs", [file])
+    assert {path: path.read_text() for path in file.parent.iterdir()} == ({file: theirs} if theirs else {})
 
 
 def test_without_hard_links(file, monkeypatch):

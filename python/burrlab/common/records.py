@@ -177,8 +177,7 @@ class Codec:
         hooks.register_structure_hook_func(lambda kind: get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
         for holds, make in (
             (_is(Mapping), _mapping),
-            # a NamedTuple is read by cattrs itself
-            (lambda declared: (get_origin(declared) or declared) in (list, tuple), _sequence),
+            (_is_list, _sequence),
             (is_dataclass, self._put_together),
         ):
             hooks.register_structure_hook_factory(holds, make)
@@ -334,6 +333,10 @@ def _is(*kinds: type) -> Callable[[Any], bool]:
         return isinstance(origin, type) and issubclass(origin, kinds)
 
     return asked
+
+
+def _is_list(declared: Any) -> bool:
+    return (get_origin(declared) or declared) in (list, tuple)
 
 
 def _is_choice(declared: Any) -> bool:

@@ -210,21 +210,18 @@ class Store:
         self._results: dict[str, str] = {}  # as JSON: callers may change what they get
         self._torn = 0
         self._synced = -math.inf
-        with self.path.open("ab") as file:  # also tests early that it can be written
-            new = file.tell() == 0
-        if new:
-            self._append(_HEADER + b"\n")
-        elif self._load(self.path.read_bytes()):
-            self._append(b"\n" + _HEADER + b"\n")
+        self.path.open("ab").close()  # tests early that it can be written
+        if not self._load(self.path.read_bytes()):
+            self._append((b"\n" if self._torn else b"") + _HEADER + b"\n")
 
     def _load(self, data: bytes) -> bool:
-        """Reads the lines; True if the file holds nothing but a torn header."""
+        """Reads the lines; False if the file is new, or holds nothing but a torn header."""
         lines = [line for line in data.split(b"\n") if line]
         while lines and lines[0] != _HEADER and _HEADER.startswith(lines[0]):
             self._torn += 1
             del lines[0]
         if not lines:
-            return True
+            return False
         try:
             file_format = json.loads(lines[0])[_NAME]
         except UNREADABLE:
@@ -242,7 +239,7 @@ class Store:
                 self._results[entry["key"]] = json.dumps(entry["result"])
             except UNREADABLE:
                 self._torn += 1
-        return False
+        return True
 
     def _append(self, text: bytes) -> None:
         # Opened for each line: on a network file system, closing sends the text to the server.

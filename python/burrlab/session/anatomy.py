@@ -96,7 +96,7 @@ def status_text(status: Mapping[str, Any]) -> str:
     how = "failed" if status["failed"] else "ended"
     end = "interrupted" if status.get("interrupted") else f"{how} ({status['reason']})"
     dropped = [f"{count} {reason}" for reason, count in status["dropped"].items() if count]
-    lines = [
+    return "\n".join([
         f"{end}: tick {status['tick']}, digest {status['digest']}",
         f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
         f"ticks with another result: {status['differing_ticks']}",
@@ -111,8 +111,7 @@ def status_text(status: Mapping[str, Any]) -> str:
             f"  bone not the leader's at tick {bone['tick']}: {bone['what']}, {len(bone['bricks'])} bricks replaced"
             for bone in status["divergences"][-_TOLD:]
         ),
-    ]
-    return "\n".join(lines)
+    ])  # fmt: skip
 
 
 def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:

@@ -1,6 +1,7 @@
 """Haptic devices: where they stand beside the bone, and what models give, with the source of each number."""
 
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -217,10 +218,8 @@ class KnownLimits(dict[str, DeviceLimits]):
     def __repr__(self) -> str:
         heads = (f"{name} [{_UNITS[name]}]".replace("_per_", "/").replace("_", " ") for name in _COLUMNS)
         lines = [f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|"]
-        for row in _TABLE.strip().splitlines():
-            model, *cells = row.split()
-            cells = [cell if cell == "-" else f"{cell[:-1]} ({cell[-1]})" for cell in cells]
-            lines.append(f"| {model} | {' | '.join(cells)} |")
+        rows = (f"| {' | '.join(row.split())} |" for row in _TABLE.strip().splitlines())
+        lines += (re.sub(r"(?<= )([\d.x]+)([a-z]) ", r"\1 (\2) ", row) for row in rows)
         sources = [
             textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
             for letter, text in _SOURCES.items()

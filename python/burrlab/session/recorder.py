@@ -256,8 +256,9 @@ class TraceWriter:
         """Writes the results of the watch, and then the flag that they are there."""
         if self.ended or (sums := self._watched) is None:
             return
-        parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
-        for name, numbers in {**parts, "summed": np.uint8(1)}.items():
+        for name, numbers in {
+            "doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts, "summed": np.uint8(1),
+        }.items():  # fmt: skip
             if why := self._put(numbers.tobytes(), self._places[name])[1]:
                 return self._end(why)
 

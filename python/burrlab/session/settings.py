@@ -222,9 +222,8 @@ class ForceLimits:
 
 
 def _describe_guard(model: DeviceLimits, guard: GuardLimits, rate: float) -> str:
-    rms = "no continuous limit is known"
-    if guard.continuous < math.inf:
-        rms = f"RMS over {guard.window:g} s {guard.continuous:g} N"
+    known = guard.continuous < math.inf
+    rms = f"RMS over {guard.window:g} s {guard.continuous:g} N" if known else "no continuous limit is known"
     text = (
         f"{model.model}: force at most {guard.force:g} N, its change {guard.slew:g} N/ms, {rms}, "
         f"ramp {guard.ramp:g} s"

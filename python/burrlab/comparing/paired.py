@@ -56,36 +56,38 @@ class Paired:
     one_c_e: bool  # whether c_e is common to both, as where a set leaves it open
     change: Floats  # of log c_e and log alpha
     calibration: MixedCalibration
+    most_freedom: float = np.inf  # of alpha: 1 of two pairs, which tell their variance too badly for any rule
 
     @classmethod
     def of(cls, a: FitRecord, b: FitRecord, shared: Sequence[str]) -> "Paired | None":
         """None where the sets share neither levels nor offsets, or have absolute residuals."""
-        levels = [{group.name: set(group.levels) for group in x.observations.groups} for x in (a, b)]
-        pairing = [name for name in levels[0] if len(levels[0][name] & levels[1].get(name, set())) > 1]
+        common = _common_levels([x.observations for x in (a, b)])
+        pairing = [name for name, n_levels in common.items() if n_levels > 1]
         if not (pairing or shared) or not {a.residual_kind, b.residual_kind} <= {"relative", "sigma"}:
             return None
         closed = [x.intervals["c_e"]["95"].closed for x in (a, b)]
         points, alike = [(x.c_e, x.alpha) for x in (a, b)], closed[0] is closed[1]
         fitted = _fitted_jointly((a.likelihood, b.likelihood), points, shared, not all(closed), alike)
-        return cls(" and ".join(pairing), not all(closed), *fitted)
+        most = 1.0 if max(common.values(), default=0) == 2 else np.inf
+        return cls(" and ".join(pairing), not all(closed), *fitted, most)
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
         variance, nu = self.calibration.variance(direction)
+        nu = min(nu, self.most_freedom) if direction[1] else nu
         return LinearDifference(float(direction @ self.change), variance**0.5, nu)
 
     @property
     def joint(self) -> HypothesisTest:
         """Whether both sets have one c_e and alpha."""
         if self.one_c_e:
-            rise = float(self.change[1] ** 2 / self.calibration.covariance[1, 1])
-            freedom: tuple[float, ...] = (1.0, self.calibration.freedom(ALPHA))
-            p = self.calibration.probability(rise, ALPHA)
+            along = self.along(ALPHA)
+            rise, freedom = (along.value / along.error) ** 2, (1.0, along.nu)
         else:
             rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
             rise /= self.calibration.bias
-            freedom = (2.0, self.calibration.freedom_of_sum)
-            p = float(special.fdtrc(*freedom, rise / 2))
+            freedom = (2.0, min(self.calibration.freedom_of_sum, self.most_freedom))
+        p = float(special.fdtrc(*freedom, rise / freedom[0]))
         F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)
         units = f", paired by {self.group}" if self.group else ""
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
@@ -162,8 +164,12 @@ _Both: TypeAlias = tuple[Component, Component]  # one of each side
 
 
 def _effects_of_groups(sides: Sequence[Observations], alike: bool) -> list[_Both]:
-    """Effects of groups that both sides have in common, and of their difference, which varies with one variance."""
+    """Effects of groups that both sides have in common, and of their difference, which varies with one variance.
+
+    Two levels cannot tell how the difference varies: they have none where another group pairs the sides by more.
+    """
     common: list[_Both] = []
+    n_common = _common_levels(sides)
     names = [{group.name: group for group in side.groups} for side in sides]
     for name in (name for name in names[0] if name in names[1]):
         groups = names[0][name], names[1][name]
@@ -174,13 +180,19 @@ def _effects_of_groups(sides: Sequence[Observations], alike: bool) -> list[_Both
         if len(levels) > 1:
             common.append((Component(first, "alpha"), Component(second, "alpha")))
         repeated = all(len(side.force) > len(group.levels) for side, group in zip(sides, groups, strict=True))
-        if repeated and len({*groups[0].levels} & {*groups[1].levels}) > 1:
+        if repeated and (n_common[name] > 2 or n_common[name] == max(n_common.values()) == 2):
             apart = tuple(f"{side} {level}" for side in "AB" for level in levels)
             second = Group(name, apart, second.velocity + len(levels), second.pressed + len(levels))
             common.append((
                 Component(replace(first, levels=apart), "alpha", varies=alike), Component(second, "alpha", varies=alike)
             ))  # fmt: skip
     return common
+
+
+def _common_levels(sides: Sequence[Observations]) -> dict[str, int]:
+    """How many levels of each group both sides have."""
+    levels = [{group.name: set(group.levels) for group in side.groups} for side in sides]
+    return {name: len(levels[0][name] & levels[1].get(name, set())) for name in levels[0]}
 
 
 def _offsets(likelihood: Likelihood) -> dict[str, tuple[Component, Floats]]:

@@ -334,7 +334,7 @@ def _power(
     for variance in (of_mean + between["difference"] ** 2) * quantiles - of_mean:
         seen = calibration(float(variance))
         rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.covariance), estimates) / seen.bias
-        total += float(np.mean(rise / 2 > special.fdtri(2, seen.freedom_of_sum, 1 - ERROR)))
+        total += float(np.mean(rise / 2 > special.fdtri(2, 1 if n == 2 else seen.freedom_of_sum, 1 - ERROR)))
     return total / _NODES
 
 

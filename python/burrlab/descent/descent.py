@@ -277,8 +277,9 @@ def hold(
                 if done:
                     ending = "stop"
                 else:
-                    depths = np.linspace(0.0, stop, 50)
-                    touched = any(contact.probe(specimen.center(h, burr)).touching for h in depths)
+                    touched = any(
+                        contact.probe(specimen.center(h, burr)).touching for h in np.linspace(0.0, stop, 50)
+                    )
                     ending = "overloaded" if touched else "never-touched"
                 break
             if interrupted(immersion):

@@ -94,9 +94,10 @@ class VirtualRig:
             ("lag", lag), ("encoder_step", encoder_step), ("noise", noise), ("force_filter", force_filter)
         ):  # fmt: skip
             refuse(not 0 <= value < np.inf, f"{name} must be zero or positive and finite, got {value}")
-        check_positive("period", period)
-        check_positive("velocity_limit", velocity_limit)
-        check_positive("force_limit", force_limit)
+        for name, value in (
+            ("period", period), ("velocity_limit", velocity_limit), ("force_limit", force_limit)
+        ):  # fmt: skip
+            check_positive(name, value)
         refuse(not np.isfinite(clearance), f"clearance must be finite, got {clearance}")
         self.contact, self.specimen = contact, specimen
         self.period, self.velocity_limit, self.force_limit = period, velocity_limit, force_limit

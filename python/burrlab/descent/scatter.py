@@ -52,8 +52,9 @@ class ScatterTest(NamedTuple):
 @stored_as("burrlab.bone_scatter.run_item")
 def run_item(item: ScatterItem) -> tuple[float, str]:
     """ln of the penetration velocity [mm/s], NaN without one, and the status of a descent."""
-    offset = place_in_voxel(item.seed) * item.voxel
-    specimen = item.bone.specimen(item.burr, item.voxel, seed=item.seed, offset=offset)
+    specimen = item.bone.specimen(
+        item.burr, item.voxel, seed=item.seed, offset=place_in_voxel(item.seed) * item.voxel
+    )
     run = descend(
         item.burr,
         item.material,

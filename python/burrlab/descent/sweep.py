@@ -243,7 +243,5 @@ def _descend_all(
         for done, _ in enumerate(study, start=1):
             if progress is not None or done >= (os.cpu_count() or 1):  # the first ones ran side by side
                 report(done / len(items))
-    rows = [_INTERRUPTED] * len(items)
-    for place, row in study.results.items():
-        rows[order[place]] = row
-    return rows
+    rows = {order[place]: row for place, row in study.results.items()}
+    return [rows.get(i, _INTERRUPTED) for i in range(len(items))]

@@ -80,8 +80,9 @@ def surgeon_view(
     half = spacing * shape / 2
     middle = np.array(bone.origin) - spacing / 2 + half
     if entry is None:
-        away = half / np.maximum(np.abs(into), 1e-9)
-        focus = middle - (0.35 if width is None else 1.0) * into * away.min()
+        focus = (
+            middle - (0.35 if width is None else 1.0) * into * (half / np.maximum(np.abs(into), 1e-9)).min()
+        )
     else:
         focus = finite_point("entry", entry)
         beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))

@@ -239,8 +239,7 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> i
     # grey
     pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
     # whole hundredths of a second; some frames have one more, so that the film keeps its length
-    ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
-    durations = np.diff(ends).tolist()  # [ms]
+    durations = np.diff(10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)).tolist()  # [ms]
     pictures[0].save(
         path, save_all=True, append_images=pictures[1:], loop=0,
         duration=durations if len(durations) > 1 else durations[0],

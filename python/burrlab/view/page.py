@@ -94,8 +94,10 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
     for name, unit, values in (("force", "N", history.force), ("penetration", "mm", history.depth)):
         if values.shape[1] and not (len(values) and np.isnan(values).all()):
             most = top(values)
-            lines = [polyline(history.time, column, span, most) for column in values.T]
-            rows.append({"name": name, "unit": unit, "most": f"{most:g}", "lines": lines})
+            rows.append({
+                "name": name, "unit": unit, "most": f"{most:g}",
+                "lines": [polyline(history.time, column, span, most) for column in values.T],
+            })  # fmt: skip
     return rows
 
 
@@ -218,8 +220,7 @@ class Page:
 
     def step(self, ticks: int) -> None:
         """Goes forward by a number of ticks; negative is back."""
-        period = self.source.span[1] / max(len(self.source.history.time), 1)
-        self.go(self._wanted + ticks * period)
+        self.go(self._wanted + ticks * (self.source.span[1] / max(len(self.source.history.time), 1)))
 
     def seek(self, part: float) -> None:
         """Goes to a part of the charts' time axis, 0 to 1."""
@@ -397,8 +398,10 @@ def build_layout(page: Page) -> None:
     """Makes the page's template, before the server is started."""
     from trame.ui.vuetify3 import VAppLayout
 
-    buttons = {"VBtn": {"variant": "text", "density": "comfortable"}}
-    config = {"theme": {"defaultTheme": "dark"}, "defaults": buttons}
+    config = {
+        "theme": {"defaultTheme": "dark"},
+        "defaults": {"VBtn": {"variant": "text", "density": "comfortable"}},
+    }
     page.state.trame__title = f"burrlab: {page.source.title}"
     for call in (page.look, page.step, page.seek, page.go):
         page.server.trigger(call.__name__)(call)

@@ -297,14 +297,13 @@ def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], ND
 def _first(levels: NDArray[np.uint8], along: int, backwards: bool, level: int) -> NDArray[np.float64]:
     """The place where each column first reaches a level, in voxels from the outer face; its length where it
     never does."""
-    columns = np.moveaxis(levels, along, -1)[..., :: -1 if backwards else 1]
+    inside = np.moveaxis(levels, along, -1)[..., :: -1 if backwards else 1]
+    columns = np.pad(inside, ((0, 0), (0, 0), (1, 0)))  # beyond the volume there is nothing
     solid = columns >= level
-    index = solid.argmax(axis=-1)
-    here = np.take_along_axis(columns, index[..., None], -1)[..., 0].astype(float)
-    before = np.take_along_axis(columns, np.maximum(index - 1, 0)[..., None], -1)[..., 0].astype(float)
-    before = np.where(index == 0, 0.0, before)  # beyond the volume there is nothing
-    place = index - 0.5 + (level - 0.5 - before) / np.maximum(here - before, 1.0)
-    return np.where(solid.any(axis=-1), np.maximum(place, 0.0), float(columns.shape[-1]))
+    index = solid.argmax(axis=-1)[..., None]
+    before, here = (np.take_along_axis(columns, at, -1)[..., 0].astype(float) for at in (index - 1, index))
+    place = index[..., 0] - 1.5 + (level - 0.5 - before) / np.maximum(here - before, 1.0)
+    return np.where(solid.any(axis=-1), np.maximum(place, 0.0), float(inside.shape[-1]))
 
 
 def _axis(axis: str) -> int:

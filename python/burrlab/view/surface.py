@@ -115,8 +115,9 @@ def surface_blocks(
     >>> surface_blocks(burrlab.VoxelBone.block((1, 1, 1), 0.1))
     {(0, 0, 0): SurfaceBlock(602 vertices, 1200 triangles)}
     """
-    places = np.ndindex(block_counts(bone)) if blocks is None else blocks
-    wanted = [(int(z), int(y), int(x)) for z, y, x in places]
+    wanted = [
+        (int(z), int(y), int(x)) for z, y, x in (np.ndindex(block_counts(bone)) if blocks is None else blocks)
+    ]
     by_block = {}
     for k in range(0, len(wanted), _AT_A_TIME):
         some = wanted[k : k + _AT_A_TIME]
@@ -279,11 +280,7 @@ class Surface:
         refuse(
             block_counts(bone) != self.counts, f"bone must have the shape of the surface, got {bone.shape}"
         )
-        if bricks is None:
-            before = set(self.blocks)
-            self.blocks = surface_blocks(bone, level=self.level)
-            return sorted(before | set(self.blocks))
-        wanted = blocks_of_bricks(bricks, bone)
+        wanted = list(np.ndindex(self.counts)) if bricks is None else blocks_of_bricks(bricks, bone)
         extracted = surface_blocks(bone, wanted, level=self.level)
         gone = self.blocks.keys() & set(wanted) - extracted.keys()
         for block in gone:

@@ -289,15 +289,14 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
         "from burrlab.cli import main\n"
         "sys.exit(main(sys.argv[1:]))"
     )
-    kept = {"DISPLAY", "WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW"}
-    environment = {name: value for name, value in os.environ.items() if name not in kept}
+    left_out = {"DISPLAY", "WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW"}
     done = subprocess.run(
         [sys.executable, "-c", program, "view", str(trace), "--png", str(tmp_path / "a.png")],
-        capture_output=True, text=True, check=False, env=environment,
+        capture_output=True, text=True, check=False,
+        env={name: text for name, text in os.environ.items() if name not in left_out},
     )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr.startswith("burrlab view: drawing without a screen needs the Debian packages libegl1")
-    assert done.stderr.count("\n") == 1
+    sentence = "burrlab view: drawing without a screen needs the Debian packages libegl1"
+    assert (done.returncode, done.stderr[: len(sentence)], done.stderr.count("\n")) == (2, sentence, 1)
 
 
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():

@@ -113,8 +113,7 @@ def long_run(path: str, scene: Scene, ticks: int) -> tuple[str, list[Any]]:
     bone = contact.bone
     t = np.linspace(0.0, 1.0, ticks)[:, None]
     share = 0.5 + np.hstack([0.4 * np.cos(9 * t), 0.3 * np.sin(7 * t), 0.5 - 0.7 * t])
-    extent = (np.array(bone.shape[::-1]) - 1.0) * bone.spacing
-    felt = contact.run(np.array(bone.origin) + share * extent, scene.dt)
+    felt = contact.run(bone.origin + share * (np.array(bone.shape[::-1]) - 1.0) * bone.spacing, scene.dt)
     assert felt.removed.sum() > 0.0
     assert contact.tick == scene.tick + ticks
     return bone.digest(), [getattr(felt, name).tolist() for name in COLUMNS]

@@ -201,8 +201,7 @@ def test_a_rig_meets_a_bone_of_another_law(q, alpha):
     """Gains, surface and velocity follow the law; on flat bone k = q c_e R u^(q-1)."""
     material = burrlab.Material("law", c_e=2.0, alpha=alpha, force_exponent=q, rate_exponent=0.5)
     rig = Laboratory(virtual(material, 0.2))
-    flat = contact_stiffness(2.0, 3.0, 0.8, 0.0, q)
-    assert flat == pytest.approx(q * 6.0 * (0.8 / 18.0) ** (1 - 1 / q))
+    assert contact_stiffness(2.0, 3.0, 0.8, 0.0, q) == pytest.approx(q * 6.0 * (0.8 / 18.0) ** (1 - 1 / q))
     run = burrlab.descend(BURR, material, 0.8, rig=rig)
     held = burrlab.descend(BURR, material, 0.8, voxel=0.2, seed=5, ideal=True)
     assert run.status == "ok"
@@ -317,8 +316,9 @@ def test_stiffness_is_the_slope_of_the_force():
     above, below = (
         -float(contact.probe(cut.center(depth + d, BURR)).force @ cut.axis) for d in (-step, step)
     )
-    expected = contact_stiffness(BONE.c_e, BURR.radius, (above + below) / 2, depth)
-    assert (below - above) / (2 * step) == pytest.approx(expected, rel=0.1)
+    assert (below - above) / (2 * step) == pytest.approx(
+        contact_stiffness(BONE.c_e, BURR.radius, (above + below) / 2, depth), rel=0.1
+    )
 
 
 def test_window_functions():

@@ -68,8 +68,10 @@ def results():
     doses["closest_mm"] += np.arange(15)[::-1]
     rows = [{"name": f"nerve {i}", "injury_mm3": 0.0} for i in range(15)]
     names = tuple(row["name"] for row in rows)
-    watched = replace(one.watched, doses=doses, removed=np.zeros(15, int))
-    many = replace(one, structures=names, tissues=names, settings={"structures": rows}, watched=watched)
+    many = replace(
+        one, structures=names, tissues=names, settings={"structures": rows},
+        watched=replace(one.watched, doses=doses, removed=np.zeros(15, int)),
+    )  # fmt: skip
     return objects() | {name: type("Picture", (), {"plot": staticmethod(draw)}) for name, draw in drawn.items()} | {
         "design": burrlab.design(objects()["fit"], [0.6, 1.2, 2.0], [2.0, 3.0], 2, static=[0.2]),
         "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
@@ -181,8 +183,9 @@ def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
         for line in axes.lines
         if line.get_marker() == (2, 2, 45) and len(line.get_xdata())
     ]
-    c_e = [one.c_e for one in four().values() if isinstance(one, burrlab.Fit)]
-    assert kinks == pytest.approx([one * BURR.radius**2 * (1 / 6) ** 1.5 for one in c_e])
+    assert kinks == pytest.approx([
+        fit.c_e * BURR.radius**2 * (1 / 6) ** 1.5 for fit in four().values() if isinstance(fit, burrlab.Fit)
+    ])  # fmt: skip
     written = (tmp_path / "four.pdf").read_bytes()
     assert (b"/FontFile2" in written, b"/Type3" in written) == (True, False)
     assert axes.figure.get_size_inches().tolist() == pytest.approx([3.5, 2.625])

@@ -88,8 +88,7 @@ class Bones(RuleBasedStateMachine):
     def step(
         self, share: tuple[float, ...], scheme: str, shape: str, alpha: float, path: str, radius: float
     ) -> None:
-        extent = (np.array(self.bone.shape[::-1]) - 1.0) * SPACING
-        center = np.array(ORIGIN) + np.array(share) * extent
+        center = ORIGIN + np.array(share) * (np.array(self.bone.shape[::-1]) - 1.0) * SPACING
         _core.use_cpu_path(path)
         material = Material("any", c_e=1.5, alpha=alpha, shape=shape)
         contact = BurrContact(self.bone, Burr(radius), material, seed=5, scheme=scheme)

@@ -118,10 +118,11 @@ class Fuller:
         with open(self.notes, "a") as file:
             file.write(f"{seed} {depth} {voxel}\n")
         specimen = half_space(burr, voxel, depth=depth)
-        level = np.random.default_rng(seed).integers(self.lowest, 255)
-        levels = (specimen.bone.density > 0) * np.uint8(level)
-        bone = VoxelBone(levels, spacing=specimen.bone.spacing, origin=specimen.bone.origin)
-        return replace(specimen, bone=bone)
+        level = np.uint8(np.random.default_rng(seed).integers(self.lowest, 255))
+        solid = specimen.bone.density > 0
+        return replace(
+            specimen, bone=VoxelBone(solid * level, specimen.bone.spacing, specimen.bone.origin)
+        )
 
 
 def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
@@ -166,10 +167,8 @@ def test_a_store_tells_specimens_apart(tmp_path):
     given = half_space(BURR, 0.4)
     bone = given.bone.copy()
     bone.write(np.full(bone.shape, 200, np.uint8))
-    moved = given.surface + [0.1, 0, 0]
-    for i, specimen in enumerate(
-        [None, given, replace(given, bone=bone), replace(given, surface=moved)], start=1
-    ):
+    moved = replace(given, surface=given.surface + [0.1, 0, 0])
+    for i, specimen in enumerate([None, given, replace(given, bone=bone), moved], start=1):
         for _ in range(2):
             sweep(forces=(1.0,), repeats=1, specimen=specimen, store=store)
             assert len(store) == i

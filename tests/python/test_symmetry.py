@@ -27,9 +27,8 @@ Floats = NDArray[np.float64]
 
 def removed_centroid_off_axis(specimen: burrlab.Specimen, bone: burrlab.VoxelBone) -> float:
     """Distance of the removed bone's centroid from the axis of the descent [mm]."""
-    removed = bone.pristine.astype(float) - bone.density
-    centroid = bone.origin + np.multiply(ndimage.center_of_mass(removed)[::-1], bone.spacing)
-    away = centroid - specimen.surface
+    centroid = ndimage.center_of_mass(bone.pristine.astype(float) - bone.density)[::-1]
+    away = bone.origin + np.multiply(centroid, bone.spacing) - specimen.surface
     return float(np.linalg.norm(away - (away @ specimen.axis) * specimen.axis))
 
 

@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
-from command_line import call
+from command_line import refusal
 from page_scenes import PATH, make_page, make_scene, nerve_session, watched_trace  # noqa: F401
 from replica_scenes import soon
 from session_scenes import refused
@@ -49,8 +49,9 @@ def test_beside_a_session_to_its_end():
     events = session.anatomy().events
     said = [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events]
     assert said == [(event.kind, event.structure) for event in events]
-    times = [row["time_s"] for row in page.state.events]
-    assert times == pytest.approx([event.tick / 1000 for event in events], abs=2e-3)
+    assert [row["time_s"] for row in page.state.events] == pytest.approx(
+        [event.tick / 1000 for event in events], abs=2e-3
+    )
     assert page.state.charts[0]["lines"][0]
     assert page.state.numbers[0]["value"] == page.state["values"][0][0]
 
@@ -149,9 +150,7 @@ def test_refused_ports(capsys, tmp_path):
             (lambda: web.serve(bone, host="192.0.2.1"), r"cannot listen on 192\.0\.2\.1:0: ", OSError),  # of documentation
         )  # fmt: skip
         words = ["--device", "hand", "--duration", 1, "--record", tmp_path / "none.h5"]
-        code, _, err = call(capsys, "session", *words, "--web", port)
-    assert code != 0
-    assert listen in err
+        assert listen in refusal(capsys, "session", *words, "--web", port)
     assert not (tmp_path / "none.h5").exists()
 
 
@@ -271,13 +270,12 @@ def test_what_a_browser_can_call_and_change():
     assert calls == [mock.call.Azimuth(-100.0), mock.call.Elevation(-50.0)]
 
 
-@pytest.mark.parametrize("name", ["pyvista", "trame"])
-def test_a_missing_extra(monkeypatch, name):
+@pytest.mark.parametrize(("name", "what"), [("pyvista", "the view"), ("trame", "the page")])
+def test_a_missing_extra(monkeypatch, name, what):
     pytest.importorskip("trame", reason="needs the extra viz3d")
     for module in list(sys.modules):
         if module.split(".")[0] == name:
             monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, name, None)
-    what = {"pyvista": "the view needs pyvista", "trame": "the page needs trame"}[name]
-    with pytest.raises(ImportError, match=rf"{what}: pip install 'burrlab\[viz3d\]'"):
+    with pytest.raises(ImportError, match=rf"{what} needs {name}: pip install 'burrlab\[viz3d\]'"):
         web.serve(nerve_bone())

@@ -59,7 +59,10 @@ class Served:
         rest, _ = self.process.communicate(timeout=60)
         return self.process.returncode, rest
 
-    def kill(self):
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
         if self.process.poll() is None:
             self.process.kill()
             self.process.communicate()
@@ -67,9 +70,8 @@ class Served:
 
 @pytest.fixture(scope="module")
 def served(trace):
-    server = Served("view", trace)
-    yield server
-    server.kill()
+    with Served("view", trace) as server:
+        yield server
 
 
 @pytest.fixture(scope="module")
@@ -212,40 +214,30 @@ def test_two_browsers_and_a_server_that_ends(page, served, tmp_path):
 def test_beside_a_session_and_a_replica(tmp_path):
     """Two live pages with effects, one in stereo; Ctrl-C ends each with its page, and the trace is whole."""
     file = tmp_path / "session.h5"
-    session = Served("session", "--device", "hand", "--effects", "--record", file, "--publish", 0)
-    replica = None
-    try:
+    with Served("session", "--device", "hand", "--effects", "--record", file, "--publish", 0) as session:
         port = re.search(r"published on 127\.0\.0\.1, port (\d+)", "".join(session.said))[1]
-        replica = Served("replica", f"127.0.0.1:{port}", "--effects", "--stereo")
-        with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
-            for name, one in (("session", session), ("replica", replica)):
-                page.load(one.address)
-                page.wait(f"{_IMAGE}?.naturalWidth > 0")
-                number = int(page.value(f"{_IMAGE}.dataset.number"))
-                page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
-                page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
-                page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
-                assert page.value(_SWITCHES) == [False, name == "replica", True]  # slices, stereo, effects
-                seen = bone_part(page)
-                assert seen.std() > 10
-                assert (halves_differ(seen) < 40) == (name == "replica")
-                nothing_amiss(page)
-        for one in (replica, session):
-            code, rest = one.end()
-            assert code == 130, rest
-            assert "effects at assumed rates, seed " in rest
-        assert not children(session.process.pid) + children(replica.process.pid)
-        assert burrlab.load_trace(file).complete
-    finally:
-        session.kill()
-        if replica is not None:
-            replica.kill()
-
-
-def halves_differ(picture):
-    """Mean difference between the left and the right half."""
-    half = picture.shape[1] // 2
-    return np.abs(picture[:, :half].astype(int) - picture[:, -half:]).mean()
+        with Served("replica", f"127.0.0.1:{port}", "--effects", "--stereo") as replica:
+            with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
+                for server in (session, replica):
+                    page.load(server.address)
+                    page.wait(f"{_IMAGE}?.naturalWidth > 0")
+                    number = int(page.value(f"{_IMAGE}.dataset.number"))
+                    page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
+                    page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
+                    page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
+                    assert page.value(_SWITCHES) == [False, server is replica, True]  # slices, stereo, effects
+                    seen = bone_part(page)
+                    assert seen.std() > 10
+                    half = seen.shape[1] // 2
+                    apart = np.abs(seen[:, :half].astype(int) - seen[:, -half:]).mean()
+                    assert (apart < 40) == (server is replica)
+                    nothing_amiss(page)
+            for server in (replica, session):
+                code, rest = server.end()
+                assert code == 130, rest
+                assert "effects at assumed rates, seed " in rest
+            assert not children(session.process.pid) + children(replica.process.pid)
+            assert burrlab.load_trace(file).complete
 
 
 def children(process):

@@ -84,8 +84,7 @@ def why_not() -> str | None:
 
 def need_drawing() -> None:
     """Skips a test, with the reason, if drawing does not work."""
-    reason = why_not()
-    if reason is not None:
+    if reason := why_not():
         pytest.skip(reason)
 
 

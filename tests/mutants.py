@@ -74,11 +74,10 @@ def pytest_unconfigure() -> None:
 def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:
     """Exit status, None after too long a time, and CPU seconds: other work on the machine does not count."""
     begun = _children_time()
-    path = os.pathsep.join([str(package), str(ROOT / "tests")])
     process = subprocess.Popen(
         [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, "-m", "not slow", *files],
-        env={**os.environ, "PYTHONPATH": path, "MPLBACKEND": "Agg", **environment}, cwd=ROOT, start_new_session=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": f"{package}{os.pathsep}{ROOT}/tests", "MPLBACKEND": "Agg", **environment},
+        cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     try:
         return process.wait(
@@ -124,8 +123,8 @@ def _functions(tree: ast.AST, above: str = "") -> Iterator[tuple[str, ast.Functi
         if isinstance(node, ast.FunctionDef):
             yield above + node.name, node
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            inner = ".<locals>." if isinstance(node, ast.FunctionDef) else "."
-            yield from _functions(node, above + node.name + inner)
+            inside = ".<locals>." if isinstance(node, ast.FunctionDef) else "."
+            yield from _functions(node, above + node.name + inside)
 
 
 def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
@@ -257,19 +256,18 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
             0, [sys.executable, "-m", "cmake", "-S", str(tree), "-B", str(build), "-G", "Ninja", *options]
         )
     copied = tree / path.relative_to(ROOT)
-    kept = copied.read_text(encoding="utf-8")
     copied.write_text(text, encoding="utf-8")
     try:
         if any(subprocess.run(job, capture_output=True).returncode for job in jobs):
             return None
-        ctest = Path(sys.executable).with_name("ctest")
-        if subprocess.run([ctest, "--test-dir", build, "--timeout", "120"], capture_output=True).returncode:
+        ctest = [Path(sys.executable).with_name("ctest"), "--test-dir", build, "--timeout", "120"]
+        if subprocess.run(ctest, capture_output=True).returncode:
             return True
         core = next((build / "cpp").glob("_core*"))
         shutil.copy(core, package / core.name)
         return _pytest([str(TESTS / name) for name in CORE_TESTS[path.parent.name]], package.parent)[0] != 0
     finally:
-        copied.write_text(kept, encoding="utf-8")
+        copied.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
         for core in PACKAGE.glob("_core*.so"):
             shutil.copy(core, package / core.name)
 
@@ -287,21 +285,27 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
                 path, text = placed(fault)
             except LookupError as error:
                 row["why"] = str(error)
-                path = None
-            if path and fault["room"] == "core":
-                row["caught"] = _core_notices(path, text, Path(folder), package)
-            elif path:
-                copied = package / path.relative_to(PACKAGE)
-                kept = copied.read_text(encoding="utf-8")
-                copied.write_text(text, encoding="utf-8")
-                row["by"] = files = _chosen(calls, fault["function"])
-                status = _pytest([str(TESTS / file) for file in files], package.parent)[0] if files else 0
-                row["caught"] = status != 0
-                copied.write_text(kept, encoding="utf-8")
+            else:
+                if fault["room"] == "core":
+                    row["caught"] = _core_notices(path, text, Path(folder), package)
+                else:
+                    copied = package / path.relative_to(PACKAGE)
+                    copied.write_text(text, encoding="utf-8")
+                    row["by"] = files = _chosen(calls, fault["function"])
+                    status = _pytest([str(TESTS / file) for file in files], package.parent)[0] if files else 0
+                    row["caught"] = status != 0
+                    shutil.copy(path, copied)
             with Path(out).open("a") as file:
                 file.write(json.dumps(row) + "\n")
-            told = fault["function"], fault["before"], "->", fault["after"]
-            print(row["caught"], *told, *row["by"], flush=True)
+            print(
+                row["caught"],
+                fault["function"],
+                fault["before"],
+                "->",
+                fault["after"],
+                *row["by"],
+                flush=True,
+            )
 
 
 def _chosen(calls: dict[str, Any], function: str) -> list[str]:

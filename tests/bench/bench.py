@@ -64,8 +64,10 @@ def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
             say(f"  {scene.name}")
             scenes[scene.name] = measure(native, scene, reference, weighed=scene.name in weighed)
         say("  bandwidth, volume, tissues")
-        large = 2**25 if quick else 2**29  # beyond the caches
-        bandwidth = max(native.bandwidth(large, copy=copy) for copy in (False, True))
+        bandwidth = max(
+            native.bandwidth(2**25 if quick else 2**29, copy=copy)  # beyond the caches
+            for copy in (False, True)
+        )
         return {
             "scenes": scenes,
             "bandwidth_GB_per_s": bandwidth,

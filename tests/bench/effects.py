@@ -45,11 +45,8 @@ def block() -> burrlab.VoxelBone:
 def session(seconds: float) -> burrlab.Session:
     """A session whose script strokes along x, in rows along y, and sinks by 60 um/s."""
     times = np.arange(0.0, WARM + seconds + 0.2, 0.005)
-    depth = 0.2 + 0.06 * times
-    positions = np.stack(
-        [7.0 * np.sin(2 * np.pi * times / 0.9), 6.0 * np.sin(2 * np.pi * times / 17), 3.0 - depth], axis=1
-    )
-    device = burrlab.ScriptedDevice(times, positions)
+    x, y = 7.0 * np.sin(2 * np.pi * times / 0.9), 6.0 * np.sin(2 * np.pi * times / 17)
+    device = burrlab.ScriptedDevice(times, np.stack([x, y, 2.8 - 0.06 * times], axis=1))
     return burrlab.Session(
         block(), (burrlab.Burr(3.0), burrlab.materials["bone"]), device, seed=1, duration=WARM + seconds
     )

@@ -30,8 +30,10 @@ def baseline_ticks(
         if name == "plain":
             times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
         else:
-            arguments = scene.burring.arguments(tick, native.depth_table, center)
-            times.append(stopwatch(native.library.bench_interruptions, numba_tick.step, q, p, *arguments))
+            times.append(stopwatch(
+                native.library.bench_interruptions, numba_tick.step, q, p,
+                *scene.burring.arguments(tick, native.depth_table, center),
+            ))  # fmt: skip
     return Times.join(times)
 
 
@@ -72,8 +74,8 @@ def measure(native: Native, scene: Scene, reference: str, *, weighed: bool) -> d
         for name, times in compare(native, scene, main, p, sample).items():
             bursts.setdefault(name, []).append(times[scene.burst // 2 :])  # caches and branches settle first
         if weighed:
-            q = p if scene.fresh else main.density()
-            touched.append(touched_bytes(q, p, scene.burring, scene.path[sample]))
+            present = p if scene.fresh else main.density()
+            touched.append(touched_bytes(present, p, scene.burring, scene.path[sample]))
     if len({core.digest for core in cores.values()}) != 1:
         raise RuntimeError(f"{scene.name}: the CPU paths left different bones")
     whole = {path: Times.join(parts)[first // scene.batch :] for path, parts in runs.items()}

@@ -62,9 +62,8 @@ def descent(seed: int) -> SweepItem:
 def dask_cluster(stack: ExitStack) -> Executor:
     from distributed import Client, LocalCluster
 
-    one_each = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
-    cluster = stack.enter_context(LocalCluster(n_workers=WORKERS, **one_each))
-    return stack.enter_context(Client(cluster)).get_executor()
+    cluster = LocalCluster(n_workers=WORKERS, threads_per_worker=1, dashboard_address="127.0.0.1:0")
+    return stack.enter_context(Client(stack.enter_context(cluster))).get_executor()
 
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -123,8 +122,9 @@ def serve(address: str, count: int, folder: str) -> None:
 
     async def run() -> None:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        each = {"nthreads": 1, "memory_limit": 0, "local_directory": folder}
-        workers = [await Worker(address, **each) for _ in range(count)]
+        workers = [
+            await Worker(address, nthreads=1, memory_limit=0, local_directory=folder) for _ in range(count)
+        ]
         await asyncio.gather(*(worker.finished() for worker in workers))
 
     clock = {"distributed.worker.profile.enabled": False, "distributed.admin.system-monitor.interval": "60s"}
@@ -184,8 +184,13 @@ def studies(workers: int, together: int, cases: list[tuple[str, float, Callable,
                 run_items(function, every[: 4 * workers], executor=executor, chunk=1)  # workers import
                 for chunk, items in ((1, every[: len(every) // 5]), (None, every)):
                     sent[0], before, start = 0, [used(p) for p in pair], time.perf_counter()
-                    store = Path(folder) / f"{len(runs)}.jsonl"
-                    run_items(function, items, executor=executor, chunk=chunk, store=store)
+                    run_items(
+                        function,
+                        items,
+                        executor=executor,
+                        chunk=chunk,
+                        store=Path(folder) / f"{len(runs)}.jsonl",
+                    )
                     wall = time.perf_counter() - start
                     cpu = [(used(p) - b) / sent[0] for p, b in zip(pair, before, strict=True)]
                     runs.append(Run(workers, seconds, chunk, len(items) / wall, sent[0] / wall, *cpu))

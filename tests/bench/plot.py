@@ -49,11 +49,14 @@ def draw_growth(axes: Axes, curves: dict[str, tuple[list[float], list[float]]]) 
         slope = exponent(*curves[name])
         draw_line(axes, name, *curves[name], f": {slope:.2f}" if np.isfinite(slope) else "")
     ticks = sorted({r for x, _ in curves.values() for r in x})
-    title = "sunk to R/3, sliding through solid bone at 20 mm/s"
-    finish(axes, ticks, [f"{r:g}" for r in ticks], "burr radius / voxel size [1]", title)
+    finish(
+        axes, ticks, [f"{r:g}" for r in ticks], "burr radius / voxel size [1]",
+        "sunk to R/3, sliding through solid bone at 20 mm/s",
+    )  # fmt: skip
     axes.set_ylabel("time of a tick, median [µs]")
-    fitted = f"exponent fitted from {EXPONENT_FROM:g} on"
-    axes.legend(title=fitted, title_fontsize=8, fontsize=8, frameon=False)
+    axes.legend(
+        title=f"exponent fitted from {EXPONENT_FROM:g} on", title_fontsize=8, fontsize=8, frameon=False
+    )
 
 
 def draw_volume(axes: Axes, volume: dict[str, Any]) -> None:

@@ -99,8 +99,8 @@ def slide(
     path = along_x(burring, travel, surface_at(layers, spacing) + 2 * radius / 3)
     shape = (layers + voxels(5 * radius / 3, spacing) + 3, side, side + voxels(float(travel[-1]), spacing))
     name = f"slide {resolution:g}" + (f" R {radius:g}" if radius != LARGE_RADIUS else "")
-    about = "sunk to R/3, 20 mm/s through fresh bone, cutting"
-    return Scene(name, about, burring, shape, layers, path, **effort(resolution, quick))
+    return Scene(name, "sunk to R/3, 20 mm/s through fresh bone, cutting", burring, shape, layers, path,
+                 **effort(resolution, quick))  # fmt: skip
 
 
 def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:

@@ -57,8 +57,9 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
         elif stub:
             library = Stub(compiled(stub, Path(folder)))
             library.set(rate=rate, x=10.0, z=3.0)
-            kind = burrlab.TouchDevice if stub == "libhd" else burrlab.OmegaDevice
-            devices.append(kind(library=library.file))
+            devices.append(
+                {"libhd": burrlab.TouchDevice, "libdhd": burrlab.OmegaDevice}[stub](library=library.file)
+            )
         record = Path(folder) / "trace.h5"
         session = burrlab.Session(
             bone,

@@ -30,7 +30,6 @@ class Times:
     Parameters
     ----------
     seconds : ndarray
-        NaN where a tick was not made.
     interrupted : ndarray of bool
         Whether another process took the core meanwhile.
     """
@@ -50,19 +49,13 @@ class Times:
         return Times(self.seconds[which], self.interrupted[which])
 
     @property
-    def made(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.seconds)
-
-    @property
     def median(self) -> float:
         """Median of the ticks that count [s]."""
-        return float(np.median(undisturbed(self.seconds[self.made], self.interrupted[self.made])))
+        return float(np.median(undisturbed(self.seconds, self.interrupted)))
 
     def over(self, other: Times) -> Numbers:
-        """Tick-by-tick ratios of the ticks that both made."""
-        both = self.made & other.made
-        ratio = self.seconds[both] / other.seconds[both]
-        return undisturbed(ratio, (self.interrupted | other.interrupted)[both])
+        """Tick-by-tick ratios."""
+        return undisturbed(self.seconds / other.seconds, self.interrupted | other.interrupted)
 
 
 def timed(work: Callable[..., object], *arguments: Any, **options: Any) -> float:
@@ -96,10 +89,8 @@ def undisturbed(values: Numbers, interrupted: NDArray[np.bool_]) -> Numbers:
     return quiet if len(quiet) >= min(FEWEST, len(values)) else values
 
 
-def quartiles(values: Numbers) -> dict[str, float] | None:
-    """Median, quartiles and number; None without values."""
-    if len(values) == 0:
-        return None
+def quartiles(values: Numbers) -> dict[str, float]:
+    """Median, quartiles and number."""
     low, median, high = np.percentile(values, [25, 50, 75]).tolist()
     return {"median": median, "quartile_1": low, "quartile_3": high, "ticks": len(values)}
 

@@ -20,8 +20,7 @@ def numbers_of(layout: str, shape: tuple[int, int, int]) -> Levels:
         return np.zeros(shape, dtype=np.uint8)
     if layout == "bricks":
         bricks = random.integers(0, COUNT, tuple(-(-n // 8) for n in shape), dtype=np.uint8)
-        whole = bricks.repeat(8, 0).repeat(8, 1).repeat(8, 2)
-        return np.ascontiguousarray(whole[: shape[0], : shape[1], : shape[2]])
+        return np.kron(bricks, np.ones((8, 8, 8), np.uint8))[: shape[0], : shape[1], : shape[2]].copy()
     return random.integers(0, COUNT, shape, dtype=np.uint8)
 
 
@@ -48,12 +47,12 @@ def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
     for name, core in cores.items():
         if not np.array_equal(core.density(), cores["one"].density()):
             raise RuntimeError(f"{scene.name}, {name}: equal tissues left other levels than one")
-    bricks = float(np.prod([-(-n // 8) for n in scene.shape]))
+    whole_bricks = 512 * float(np.prod([-(-n // 8) for n in scene.shape]))  # their voxels
     return {
         name: {
             "median_us": 1e6 * times[name].median,
             "over_one": quartiles(times[name].over(times["one"])),
-            "hierarchy_over_voxels": core.hierarchy_bytes / (512 * bricks),  # in whole bricks
+            "hierarchy_over_voxels": core.hierarchy_bytes / whole_bricks,
         }
         for name, core in cores.items()
     }
@@ -72,18 +71,13 @@ def tissue_cost(native: Native, quick: bool) -> dict[str, Any]:
     }
 
 
-def rows_of(cost: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any]]]:
-    """Scene, CPU path, layout and result."""
-    for scene, paths in cost.items():
-        for path, layouts in paths.items():
-            for layout, row in layouts.items():
-                yield scene, path, layout, row
-
-
 def lines(cost: dict[str, Any]) -> Iterator[str]:
     """Lines for the summary."""
     yield f"Tissues: a tick with {COUNT} over one with one, tick by tick [quartiles]; watched: with {WATCHED} distances"
-    for scene, path, layout, row in rows_of(cost):
-        ratio = row["over_one"]
-        spread = f"{ratio['median']:.2f} [{ratio['quartile_1']:.2f}, {ratio['quartile_3']:.2f}]"
-        yield f"  {scene:<12} {path:<9} {layout:<15} {row['median_us']:>8.4g} us  {spread}"
+    for scene, paths in cost.items():
+        for path, layouts in paths.items():
+            for layout, row in layouts.items():
+                yield (
+                    f"  {scene:<12} {path:<9} {layout:<15} {row['median_us']:>8.4g} us  "
+                    "{median:.2f} [{quartile_1:.2f}, {quartile_3:.2f}]".format(**row["over_one"])
+                )

@@ -29,8 +29,9 @@ def drawn_pictures(seconds: float, side: int, size: tuple[int, int]) -> None:
     times = np.arange(0.0, seconds + 30.0, 0.005)
     x, y = (half - 4) * np.sin(2 * np.pi * times / 0.9), (half - 5) * np.sin(2 * np.pi * times / 17)
     device = burrlab.ScriptedDevice(times, np.stack([x, y, 2.8 - 0.06 * times], axis=1))
-    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
-    with burrlab.Session(bone, tool, device, seed=1, duration=seconds + 30.0) as session:
+    with burrlab.Session(
+        bone, (burrlab.Burr(3.0), burrlab.materials["bone"]), device, seed=1, duration=seconds + 30.0
+    ) as session:
         view = LiveView(session, off_screen=True, size=size)
         for _ in range(2):  # the first pictures load everything
             view.step()

@@ -158,19 +158,19 @@ def make(folder: Path) -> None:
     )
     times = np.linspace(0.0, 4.0, 401)
     device = ScriptedDevice(times, phantom.entry + np.outer(2.0 * times - 4.0, phantom.axis))
-    tool = Burr(3.0), materials["bone"]
-    record = folder / "ear.h5"
-    with Session(phantom.bone, tool, device, seed=1, clock=Clock(wall_clock=False), record=record) as session:
+    with Session(
+        phantom.bone, (Burr(3.0), materials["bone"]), device, seed=1, clock=Clock(wall_clock=False), record=folder / "ear.h5"
+    ) as session:  # fmt: skip
         session.wait()
 
 
 def spent(program: str, folder: Path) -> float:
     """CPU time of a Python program and its children [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    alone = {**os.environ, "BURRLAB_CACHE": ""}  # nothing is kept from one run to the next
     run = subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, env=alone
-    )
+        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True,
+        env={**os.environ, "BURRLAB_CACHE": ""},  # nothing is kept from one run to the next
+    )  # fmt: skip
     if run.returncode:
         raise RuntimeError(f"{program}\n{run.stderr}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -198,8 +198,8 @@ def longest_ticks(folder: Path, native: Native) -> Iterator[str]:
     bone = usual_recipe(str(folder / "labels.seg.nrrd"), materials["bone"], {}).bone()
     tissues, burring = bone.tissues or (), Burring(VOXEL, 5.0)
     p, numbers, edge = bone.density, bone.tissue_numbers, int(burring.radius / VOXEL) + 4
-    inner = numbers[edge:-edge, edge:-edge, edge:-edge]
-    random, structure = np.random.default_rng(1), np.argwhere(inner > 1) + edge  # behind air and bone
+    random = np.random.default_rng(1)
+    structure = np.argwhere(numbers[edge:-edge, edge:-edge, edge:-edge] > 1) + edge  # behind air and bone
     places = VOXEL * (random.choice(structure, 200)[:, ::-1] + random.uniform(size=(200, 3)))
     plain, _ = native.plain_run(p.copy(), p, burring, 0, places[:25])
     for path in native.cpu_paths[1:]:  # not scalar

@@ -131,10 +131,6 @@ class Child:
         os.pwrite(self.state, STATE.pack(self.number, 0.0, self.left), 0)
 
 
-def read_inputs(target: str, work: Path, seed: int, out: Path) -> None:
-    Child(target, work).run(seed, inputs(FOUND / target), out)
-
-
 def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[str]]:
     """Number of inputs, and names of the findings; their inputs are in `out`."""
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
@@ -145,7 +141,7 @@ def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[st
         (work / "state").write_bytes(STATE.pack(0, 0.0, seconds))
         while left > 0:  # a fork has the libraries loaded
             child = multiprocessing.get_context("fork").Process(
-                target=read_inputs, args=(target, work, seed, out)
+                target=lambda: Child(target, work).run(seed, inputs(FOUND / target), out)
             )
             child.start()
             hangs = False

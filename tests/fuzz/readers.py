@@ -66,9 +66,7 @@ Seed = Callable[[Path], object]
 
 
 def _volume(name: str) -> object:
-    if ".seg." in name:
-        return read_labels(name)
-    return read_volume(name)
+    return (read_labels if ".seg." in name else read_volume)(name)
 
 
 def _dicom(name: str) -> object:
@@ -78,8 +76,7 @@ def _dicom(name: str) -> object:
 
 def _trace(name: str) -> object:
     trace = load_trace(name)
-    told = replay(trace), session_metrics(trace), trace._repr_html_()
-    return told, anatomy_report(trace) if trace.watch else None
+    return replay(trace), session_metrics(trace), trace._repr_html_(), trace.watch and anatomy_report(trace)
 
 
 def _protocol(name: str) -> object:

@@ -358,19 +358,14 @@ def read(_: Path) -> Any:
     for path in sorted(FILES.glob("grey*")):
         if path.suffix not in (".raw", ".img"):
             volume = burrlab.read_volume(path)
-            grid = plain([volume.spacing, volume.origin, volume.direction])
-            found[path.name] = [_digest(volume.values), grid]
+            found[path.name] = [_digest(volume.values), [volume.spacing, volume.origin, volume.direction]]
     for path in sorted(FILES.glob("drilled*")):
         if not path.name.endswith(".h5"):
             pair = load_drilled(path)
             found[path.name] = [pair.bone.digest(), pair.tick, _digest(burrlab.read_volume(path).values)]
     for path, labels in (("labels.nrrd", burrlab.read_labels), ("slices.yaml", read_stack)):
         made = labels(FILES / path)
-        found[path] = [
-            _digest(made.labels),
-            plain(made.names),
-            plain(made.colours),
-        ]
+        found[path] = [_digest(made.labels), made.names, made.colours]
     return plain(found)
 
 

@@ -87,7 +87,9 @@ def uniformity(source: Source, repeats: int) -> Probabilities:
     lane = (np.arange(VOLUME[1], dtype=np.int32) % 8)[:, None] << 16
     counts = np.zeros((9, 65536), dtype=np.int64)
     for tick in range(repeats):
-        counts[:8] += np.bincount((lane | source(VOLUME, 1, tick)).ravel(), minlength=8 * 65536).reshape(8, -1)
+        counts[:8] += np.bincount((lane | source(VOLUME, 1, tick)).ravel(), minlength=8 * 65536).reshape(
+            8, -1
+        )
     counts[8] = counts[:8].sum(axis=0)
     square, throws, value = counts.reshape(9, 256, 256), counts.sum(axis=1), np.arange(65536)
     ones = np.stack([counts[:, value >> bit & 1 == 1].sum(axis=1) for bit in range(16)])

@@ -120,9 +120,7 @@ class Fuller:
         specimen = half_space(burr, voxel, depth=depth)
         level = np.uint8(np.random.default_rng(seed).integers(self.lowest, 255))
         solid = specimen.bone.density > 0
-        return replace(
-            specimen, bone=VoxelBone(solid * level, specimen.bone.spacing, specimen.bone.origin)
-        )
+        return replace(specimen, bone=VoxelBone(solid * level, specimen.bone.spacing, specimen.bone.origin))
 
 
 def test_each_descent_draws_a_specimen_of_its_own(tmp_path):

@@ -225,7 +225,11 @@ def test_beside_a_session_and_a_replica(tmp_path):
                     page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
                     page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
                     page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
-                    assert page.value(_SWITCHES) == [False, server is replica, True]  # slices, stereo, effects
+                    assert page.value(_SWITCHES) == [
+                        False,
+                        server is replica,
+                        True,
+                    ]  # slices, stereo, effects
                     seen = bone_part(page)
                     assert seen.std() > 10
                     half = seen.shape[1] // 2

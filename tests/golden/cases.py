@@ -192,19 +192,21 @@ def unless_of_result(printed: Any) -> Any:
 @case
 def descents(_: Path) -> Any:
     """Velocity, window and status of ten descents."""
-    found = {}
-    for place, (material, force, radius, voxel, options) in enumerate([
+    kinds = [
         ("bone", 1.0, 3.0, 0.3, {}), ("bone", 2.0, 3.0, 0.2, {}), ("pvc", 1.5, 2.0, 0.2, {}), ("pettigrew", 0.6, 1.5, 0.15, {}),
         ("bone", 1.0, 3.0, 0.3, {"settings": burrlab.DescentSettings(scheme="cell")}), ("bone", 1.0, 3.0, 0.3, {"ideal": True}), ("bone", 1.0, 2.0, (0.2, 0.3, 0.2), {}),
         ("bone", 1.0, 3.0, 0.3, {"settings": burrlab.DescentSettings(dt=0.5)}), ("bone", 9.0, 3.0, 0.3, {}), ("bone", 0.02, 3.0, 0.3, {"settings": burrlab.DescentSettings(max_duration=2.0)}),
-    ]):  # fmt: skip
-        made = burrlab.descend(
-            burrlab.Burr(radius), burrlab.materials[material], force, voxel=voxel, seed=place, **options
+    ]  # fmt: skip
+    runs = [
+        burrlab.descend(
+            burrlab.Burr(radius), burrlab.materials[material], force, voxel=voxel, seed=i, **options
         )
-        found[str(place)] = plain(
-            {key: value for key, value in made.to_dict().items() if key != "provenance"}
-        )
-    return found
+        for i, (material, force, radius, voxel, options) in enumerate(kinds)
+    ]
+    return {
+        str(i): plain({key: value for key, value in run.to_dict().items() if key != "provenance"})
+        for i, run in enumerate(runs)
+    }
 
 
 @case

@@ -8,6 +8,7 @@ word carries over.
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -44,34 +45,30 @@ def reference_lanes(rounds: int) -> Source:
 # --- Probabilities ----------------------------------------------------------------------------------------
 
 
-def two_sided(below: Probabilities | float, above: Probabilities | float) -> Probabilities:
-    """Two-sided probability from the two one-sided ones."""
-    return np.atleast_1d(np.minimum(1.0, 2.0 * np.minimum(below, above)))
+def two_sided(law: Any, statistic: Any, step: int = 0) -> Probabilities:
+    """Two-sided probability of a statistic that goes in steps of `step`; 0: continuous."""
+    return np.ravel(np.minimum(1.0, 2.0 * np.minimum(law.cdf(statistic), law.sf(statistic - step))))
 
 
 def chi_square(counts: NDArray[np.int64]) -> Probabilities:
     """Pearson's test of equal bins along the last axis; counts that are too even deviate too."""
     expected = counts.mean(axis=-1, keepdims=True)
-    statistic = ((counts - expected) ** 2 / expected).sum(axis=-1)
-    law = stats.chi2(counts.shape[-1] - 1)
-    return two_sided(law.cdf(statistic), law.sf(statistic)).ravel()
+    return two_sided(stats.chi2(counts.shape[-1] - 1), ((counts - expected) ** 2 / expected).sum(axis=-1))
 
 
 def binomial(counts: NDArray[np.int64], throws: NDArray[np.int64] | int, chance: float) -> Probabilities:
     """Exact test of counts of an event of known probability."""
-    law = stats.binom(throws, chance)
-    return two_sided(law.cdf(counts), law.sf(counts - 1)).ravel()
+    return two_sided(stats.binom(throws, chance), counts, 1)
 
 
 def normal(z: float) -> Probabilities:
     """Test of a sum of many terms, given in standard deviations."""
-    return two_sided(float(stats.norm.cdf(z)), float(stats.norm.sf(z)))
+    return two_sided(stats.norm, z)
 
 
 def sum_of_squares(z: NDArray[np.float64]) -> Probabilities:
     """Test of standardised sums of bounded terms; these vary less than normal ones, so the bound holds."""
-    total, law = float((z**2).sum()), stats.chi2(z.size)
-    return two_sided(law.cdf(total), law.sf(total))
+    return two_sided(stats.chi2(z.size), (z**2).sum())
 
 
 def false_alarm(probabilities: Probabilities) -> float:
@@ -192,18 +189,15 @@ def voxel_over_ticks(source: Source, repeats: int) -> Probabilities:
     birthday = np.sort((history[::2] << 16 | history[1::2])[:, :64], axis=0)
     spacing = np.sort(np.diff(birthday, axis=0, append=birthday[:1] + 2**32), axis=0)
     repeated = np.count_nonzero(np.diff(spacing, axis=0) == 0)
-    law = stats.poisson(64 * (n / 2) ** 3 / 2**34)
-    return np.append(two_sided(law.cdf(repeated), law.sf(repeated - 1)), repeated_values)
+    return np.append(two_sided(stats.poisson(64 * (n / 2) ** 3 / 2**34), repeated, 1), repeated_values)
 
 
 def bricks(source: Source, repeats: int) -> Probabilities:
     """Sums over bricks of 8^3 voxels, of numbers and low bytes: law (Kolmogorov-Smirnov), mean, variance."""
     found = []
     for values in (65536, 256):
-        sums = []
-        for tick in range(repeats):
-            part = source(VOLUME, 1, tick) & (values - 1)
-            sums.append(part.reshape(16, 8, 16, 8, 16, 8).sum(axis=(1, 3, 5), dtype=np.int64).ravel())
+        parts = (source(VOLUME, 1, tick) & (values - 1) for tick in range(repeats))
+        sums = [p.reshape(16, 8, 16, 8, 16, 8).sum(axis=(1, 3, 5), dtype=np.int64).ravel() for p in parts]
         z = (np.concatenate(sums) - 256 * (values - 1)) / (512 * (values**2 - 1) / 12) ** 0.5
         found += [stats.kstest(z, "norm").pvalue, *sum_of_squares(z), *normal(z.sum() / z.size**0.5)]
     return np.array(found)
@@ -222,9 +216,8 @@ def spectrum(source: Source, repeats: int) -> Probabilities:
     """2-D power spectra of planes: no peak, and the spread of white noise (Kolmogorov-Smirnov)."""
     found = []
     for axes in ("zy", "zx", "yx", "ty", "tx"):
-        power = np.zeros((512, 257))
-        for seed in range(repeats):
-            power += np.abs(np.fft.rfft2(plane(axes, source, seed) - MEAN)) ** 2 / (512**2 * VARIANCE)
+        transforms = (np.fft.rfft2(plane(axes, source, seed) - MEAN) for seed in range(repeats))
+        power = sum(np.abs(transform) ** 2 / (512**2 * VARIANCE) for transform in transforms)
         edge = power[:, [0, 256]]  # these columns are their own conjugates
         twofold = np.concatenate([power[:, 1:256].ravel(), edge[1:256].ravel()])
         law = stats.gamma(repeats)

@@ -278,10 +278,11 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
     """
     refuse(not 1 <= level <= 255, f"level must be from 1 to 255, got {level}")
     across = _axis(axis)
-    depths = []
-    for present, pristine in _slabs(bone, across):
-        now, before = (_first(part, 2 - across, axis[0] == "-", level) for part in (present, pristine))
-        depths.append(np.where(before < bone.shape[2 - across], now - before, 0.0))
+    surfaces = (
+        [_first(levels, 2 - across, axis[0] == "-", level) for levels in slab]
+        for slab in _slabs(bone, across)
+    )
+    depths = [np.where(before < bone.shape[2 - across], now - before, 0.0) for now, before in surfaces]
     return np.concatenate(depths, axis=0) * bone.spacing[across]
 
 

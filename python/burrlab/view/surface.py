@@ -178,10 +178,11 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[BlockPlace]:
     places = brick_places(bricks, bone)
     low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
     high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(block_counts(bone)) - 1)
-    blocks: set[BlockPlace] = set()
-    for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
-        blocks.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
-    return sorted(blocks)
+    return sorted({
+        block
+        for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist()
+        for block in itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1))
+    })  # fmt: skip
 
 
 _FACING = 0.3  # cosine up to which a vertex faces the eye: its triangles turn less or more than itself

@@ -324,8 +324,8 @@ def _layouts(folder: Path) -> Any:
                 }
                 for name, item in held.items()
             }  # fmt: skip
-    lines = (folder / "store.jsonl").read_text().splitlines()
-    return {**found, "store": [keys(json.loads(line)) for line in lines if line]}
+    stored = (folder / "store.jsonl").read_text().splitlines()
+    return {**found, "store": [keys(json.loads(line)) for line in stored if line]}
 
 
 @case

@@ -146,7 +146,8 @@ def test_threads_on_one_bone_keep_its_sums_right(
 
     with ThreadPoolExecutor(WORKERS) as pool:
         list(pool.map(work, range(WORKERS)))
-    lost = bone.pristine.astype(int) - bone.density
-    assert bone.removed == pytest.approx(lost.sum() / 255 * np.prod(bone.spacing), rel=1e-12)
+    assert bone.removed == pytest.approx(
+        (bone.pristine - bone.density).sum(dtype=int) / 255 * np.prod(bone.spacing), rel=1e-12
+    )
     assert sum(contact.tick for contact in shared) + len(refused) == 200 * WORKERS
     assert set(refused) <= (set() if lock else {ALONE + "changes it"})

@@ -261,8 +261,10 @@ def test_coarse_and_faint_are_said():
         for text in burrlab.descend(burrlab.Burr(2.0), BONE, 0.5, voxel=0.4, seed=1, ideal=True).warnings
     )
     thin = burrlab.VoxelBone.block((6, 6, 2), 0.2, origin=(-3, -3, -1.9), level=20)
-    specimen = burrlab.Specimen(thin, np.zeros(3), np.array([0.0, 0.0, -1.0]))
-    faint = burrlab.descend(burrlab.Burr(2.0), BONE, 0.02, specimen=specimen, seed=1, ideal=True)
+    faint = burrlab.descend(
+        burrlab.Burr(2.0), BONE, 0.02, seed=1, ideal=True,
+        specimen=burrlab.Specimen(thin, np.zeros(3), np.array([0.0, 0.0, -1.0])),
+    )  # fmt: skip
     assert any("faint" in text for text in faint.warnings)
 
 
@@ -363,6 +365,5 @@ def test_the_seed_of_a_rig_is_the_one_that_acted():
 def test_a_plot_ends_above_the_velocity_in_the_window():
     """Before the window an exact run is faster by orders of magnitude."""
     run = burrlab.descend(BURR, BONE, 0.5, voxel=0.4, ideal=True, seed=1)
-    low, high = run.window
-    inside = (run.immersion >= low) & (run.immersion <= high)
+    inside = samples_between(run.immersion, *run.window)
     assert run.plot()[-1].get_ylim() == pytest.approx((0, 1.2 * run.velocity[inside].max()))

@@ -147,8 +147,9 @@ def test_probe_and_erode_are_a_step(
     cpu_path: str, scheme: str, shape: str, fill: str, spacing: tuple[float, float, float]
 ) -> None:
     """Contacts, removed volume, tick and bone are equal to the last bit."""
-    rate_exponent = 0.5 if fill == "random" else 0.0
-    scene = scene_of(scheme, shape, fill=fill, spacing=spacing, rate_exponent=rate_exponent)
+    scene = scene_of(
+        scheme, shape, fill=fill, spacing=spacing, rate_exponent=0.5 if fill == "random" else 0.0
+    )
     whole, halves = (make_pair(scene)[0] for _ in range(2))
     removed = 0.0
     for center in scene.centers():

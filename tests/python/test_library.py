@@ -53,9 +53,8 @@ def installed(request, tools, tmp_path_factory):
     if not shutil.which(compiler):
         pytest.skip(f"{compiler} is needed")
     build, prefix = tmp_path_factory.mktemp("build"), tmp_path_factory.mktemp("prefix")
-    shared = "ON" if kind == "shared" else "OFF"
-    run(tools, "cmake", "-S", ROOT, "-B", build, f"-DCMAKE_CXX_COMPILER={compiler}", f"-DBUILD_SHARED_LIBS={shared}",
-        f"-DCMAKE_PREFIX_PATH={EIGEN}")  # fmt: skip
+    run(tools, "cmake", "-S", ROOT, "-B", build, f"-DCMAKE_CXX_COMPILER={compiler}",
+        f"-DBUILD_SHARED_LIBS={kind == 'shared'}", f"-DCMAKE_PREFIX_PATH={EIGEN}")  # fmt: skip
     run(tools, "cmake", "--build", build, "-j", "2")
     run(tools, "cmake", "--install", build, "--prefix", prefix)
     cached = (build / "CMakeCache.txt").read_text()

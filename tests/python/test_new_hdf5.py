@@ -43,8 +43,9 @@ burrlab.save_bone(part.with_name("bone.h5"), bone)
 
 def test_a_full_disk_leaves_the_process_whole(tmp_path: Path) -> None:
     trace, part, bone = tmp_path / "trace.h5", tmp_path / "part", burrlab.VoxelBone.block((8, 8, 4), 0.2)
-    options = {"seed": 1, "duration": 2.0, "record": trace, "wall_clock": False}
-    ended(session_of(bone, tools(), burrlab.HandDevice((4.0, 4.0, 6.0)), **options))
+    ended(session_of(
+        bone, tools(), burrlab.HandDevice((4.0, 4.0, 6.0)), seed=1, duration=2.0, record=trace, wall_clock=False
+    ))  # fmt: skip
     sizes = [str(size) for size in (0, 4096, 8192, 16384, 24576, 32768)]
     run = subprocess.run(
         [sys.executable, "-c", LIMITED, str(trace), str(part), *sizes], capture_output=True, text=True, check=False,

@@ -158,8 +158,9 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
     for path in PATHS:
         _core.use_cpu_path(path)
         bone, _ = mixed_bone((8, 8, 3))
-        contact = BurrContact(bone, Burr(2.0), BONE, seed=4)
-        held = contact.hold(1.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
+        held = BurrContact(bone, Burr(2.0), BONE, seed=4).hold(
+            1.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200
+        )
         assert np.abs(held.force - 1.0).max() < 1e-3
         found.add((bone.digest(), tuple(held.position)))
     assert len(found) == 1

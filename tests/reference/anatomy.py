@@ -7,11 +7,8 @@ def distance(points, labels, number, spacing, origin):
     """Distances (n,) [mm] of points (n, 3) [mm] from a label in labels (z, y, x)."""
     centers = np.argwhere(labels == number)[:, ::-1] * np.asarray(spacing) + np.asarray(origin)
     half = np.asarray(spacing) / 2
-    out = np.empty(len(points))
-    for i, point in enumerate(np.asarray(points, float)):
-        gaps = np.maximum(np.abs(centers - point) - half, 0.0)
-        out[i] = np.sqrt((gaps**2).sum(axis=1).min())
-    return out
+    gaps = (np.maximum(np.abs(centers - point) - half, 0.0) for point in np.asarray(points, float))
+    return np.sqrt([(gap**2).sum(axis=1).min() for gap in gaps])
 
 
 EDGES = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0)

@@ -465,18 +465,13 @@ class ReferenceContact:
         elif shape.base == "one":
             f = np.ones_like(at.distance)
         else:
-            table = self.depth_table
-            if table is None or table.dtype != f32 or table.shape != (25, 41):
-                raise ValueError("depth_table must be a (25, 41) float32 array")
-            f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table), at.deep, x2)
+            depth = depth_fraction(at, self.q, self.p, m256, self.radius, self.depth_table)
+            f = shape.at_depth(depth, at.deep, x2)
         e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
-        alphas = [self.alpha] if self.tissues is None else self.tissues.alpha
-        rates = [min(alpha * dt * factor, 1000.0) for alpha in alphas]
-        if self.tissues is None:
-            fraction = eroded_fraction(f, rates[0])
-        else:
-            fraction = eroded_by_tissue(f, rates, self.tissues.number)
-        lam = (e256.astype(f32) * f32(2.0**8)) * fraction
+        one_material = ReferenceTissues(np.zeros_like(self.q), [self.c_e], [self.alpha])
+        tissues = one_material if self.tissues is None else self.tissues
+        rates = [min(alpha * dt * factor, 1000.0) for alpha in tissues.alpha]
+        lam = (e256.astype(f32) * f32(2.0**8)) * eroded_by_tissue(f, rates, tissues.number)
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")
         return lam

@@ -40,5 +40,4 @@ class Stub:
     def log(self, device: int = 0) -> NDArray[np.float64]:
         """(cycles, 3): time [s], z as it was given [mm], force along z that then acts [N]; the newest."""
         table = np.empty((1 << 16, 3))
-        count = self._library.stub_log(device, table.ctypes.data_as(ctypes.c_void_p))
-        return table[:count]
+        return table[: self._library.stub_log(device, table.ctypes.data_as(ctypes.c_void_p))]

@@ -52,20 +52,6 @@ def session(seconds: float) -> burrlab.Session:
     )
 
 
-def companion_of(made: burrlab.Session, parcels: int) -> Companion:
-    """Effects that soon hold at least `parcels`; a merge at the limit leaves 95 %, and some parcels go."""
-    return Companion(
-        made,
-        seed=1,
-        parameters=EffectParameters(
-            most_parcels=parcels * 20 // 19 + 1000, dust_parcel=0.0003, water_parcel=0.1, wetting_distance=0.1
-        ),
-        nozzle=Nozzle((5, 0, 8), (-0.5, 0, -0.9), rate=150),
-        sucker=Sucker((8, 4, 0.5), rate=60),
-        camera=Camera((0, -40, 60), (0, 0, 0)),
-    )
-
-
 def tick_time(loop: Any, before: NDArray[np.uint64]) -> float:
     """Median CPU time of the ticks since the counts `before` [us], as the upper end of a bin 1/32 of it wide."""
     sums = np.cumsum(loop.tick_time.counts - before)
@@ -82,7 +68,17 @@ def run_alone(seconds: float) -> float:
 
 def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
     made = session(seconds)
-    companion = companion_of(made, parcels)
+    # Effects that soon hold at least `parcels`; a merge at the limit leaves 95 %, and some parcels go.
+    companion = Companion(
+        made,
+        seed=1,
+        parameters=EffectParameters(
+            most_parcels=parcels * 20 // 19 + 1000, dust_parcel=0.0003, water_parcel=0.1, wetting_distance=0.1
+        ),
+        nozzle=Nozzle((5, 0, 8), (-0.5, 0, -0.9), rate=150),
+        sucker=Sucker((8, 4, 0.5), rate=60),
+        camera=Camera((0, -40, 60), (0, 0, 0)),
+    )
     with companion, made:
         made.wait(WARM)
         before, begin = made.loop.tick_time.counts, companion.report()

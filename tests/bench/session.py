@@ -23,8 +23,6 @@ import burrlab
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from stubs.stub import Stub, compiled
 
-_SERVICE = Path(__file__).parents[1] / "haply_service.py"
-
 
 def main() -> None:
     chosen = options(__doc__, seconds=120.0, rate=1000.0, stub={"choices": ("libhd", "libdhd", "haply")})
@@ -49,7 +47,11 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         devices: list[burrlab.Device] = [burrlab.HandDevice()]
         if stub == "haply":
-            service = subprocess.Popen([sys.executable, _SERVICE], stdout=subprocess.PIPE, text=True)
+            service = subprocess.Popen(
+                [sys.executable, Path(__file__).parents[1] / "haply_service.py"],
+                stdout=subprocess.PIPE,
+                text=True,
+            )
             stack.callback(service.wait)
             stack.callback(service.kill)
             assert service.stdout

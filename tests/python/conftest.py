@@ -52,16 +52,6 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def burr():
-    return Burr(3.0)
-
-
-@pytest.fixture
-def bone():
-    return materials["bone"]
-
-
 @pytest.fixture(params=_core.cpu_paths())
 def cpu_path(request, keep_cpu_path):
     """Each CPU path of the tick in turn; restores the path that was in use."""

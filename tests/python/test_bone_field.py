@@ -13,6 +13,7 @@ from burrlab.descent.sweep import item_seed
 
 #: Two-sided normal quantile of a false-alarm rate of 1e-6.
 Z = 4.9
+BURR, BONE, FIELD = Burr(3.0), materials["bone"], BoneField()
 
 
 def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
@@ -23,8 +24,9 @@ def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
     return here.ravel(), values[tuple(slice(n, None) if lag else slice(None) for lag in lags[::-1])].ravel()
 
 
-def velocity(burr, material, force, specimen, seed=1):
-    return descend(burr, material, force, specimen=specimen, seed=seed, ideal=True).penetration_velocity
+def velocity(specimen, seed=1):
+    """Of a burr at 2 N."""
+    return descend(BURR, BONE, 2.0, specimen=specimen, seed=seed, ideal=True).penetration_velocity
 
 
 @pytest.mark.parametrize(("mean", "contrast"), [(0.8, 0.1), (0.8, 0.45), (0.3, 0.5), (0.5, 0.2)])
@@ -70,11 +72,10 @@ def test_correlation_is_the_one_defined_in_every_direction(contrast, direction):
 
 def test_same_seed_same_bone_and_others_are_unrelated():
     """False-alarm rate: 1e-6 per pair."""
-    field = BoneField()
-    first = sparse(field, 12, seed=7)[0]
-    assert np.array_equal(first, sparse(field, 12, seed=7)[0])
+    first = sparse(FIELD, 12, seed=7)[0]
+    assert np.array_equal(first, sparse(FIELD, 12, seed=7)[0])
     for seed in (0, 8, 7 + 2**32, 2**64 - 1):
-        assert abs(np.corrcoef(first, sparse(field, 12, seed=seed)[0])[0, 1]) < Z / first.size**0.5
+        assert abs(np.corrcoef(first, sparse(FIELD, 12, seed=seed)[0])[0, 1]) < Z / first.size**0.5
 
 
 def test_field_depends_on_position_alone():
@@ -88,13 +89,12 @@ def test_field_depends_on_position_alone():
     assert field.levels([], y, z, seed=3).shape == (40, 40, 0)
 
 
-def test_block_offset_depth_and_voxel_change_nothing_in_the_bone(burr):
-    field = BoneField()
-    plain = field.specimen(burr, 0.1, seed=4)
+def test_block_offset_depth_and_voxel_change_nothing_in_the_bone():
+    plain = FIELD.specimen(BURR, 0.1, seed=4)
     for other in (
-        field.specimen(burr, 0.1, seed=4, offset=(0.73, -0.4, 0.0)),
-        field.specimen(burr, 0.1, seed=4, depth=1.6),
-        field.specimen(burr, 0.3, seed=4),
+        FIELD.specimen(BURR, 0.1, seed=4, offset=(0.73, -0.4, 0.0)),
+        FIELD.specimen(BURR, 0.1, seed=4, depth=1.6),
+        FIELD.specimen(BURR, 0.3, seed=4),
     ):
         step = round(other.bone.spacing[0] / 0.1)
         fine, coarse = (np.asarray(s.bone.density) for s in (plain, other))
@@ -107,9 +107,9 @@ def test_block_offset_depth_and_voxel_change_nothing_in_the_bone(burr):
         assert common.std() > 10
 
 
-def test_bone_is_below_the_surface_only(burr):
+def test_bone_is_below_the_surface_only():
     field, place = BoneField(0.6, 0.1, 0.6), {"axis": (1.0, -0.5, -2.0), "offset": (0.1, 0.0, 0.0)}
-    solid, bone = half_space(burr, 0.2, **place), field.specimen(burr, 0.2, seed=1, **place)
+    solid, bone = half_space(BURR, 0.2, **place), field.specimen(BURR, 0.2, seed=1, **place)
     full, levels = np.asarray(solid.bone.density), np.asarray(bone.bone.density)
     assert np.array_equal((bone.surface, bone.axis), (solid.surface, solid.axis))
     assert bone.bone.origin == solid.bone.origin
@@ -118,38 +118,32 @@ def test_bone_is_below_the_surface_only(burr):
         assert levels[here].mean() == pytest.approx(0.6 * full[here].mean(), rel=0.05)
 
 
-def test_no_contrast_is_the_homogeneous_block(burr):
-    solid = np.asarray(half_space(burr, 0.2).bone.density)
+def test_no_contrast_is_the_homogeneous_block():
+    solid = np.asarray(half_space(BURR, 0.2).bone.density)
     for mean in (1.0, 0.8, 0.3):
-        specimen = BoneField(mean, 0.0, 0.01).specimen(burr, 0.2, seed=1)
+        specimen = BoneField(mean, 0.0, 0.01).specimen(BURR, 0.2, seed=1)
         assert np.array_equal(
             np.asarray(specimen.bone.density), np.where(solid == 255, np.rint(255 * mean), 0)
         )
     assert specimen.source.startswith("half-space of uneven bone, mean 0.3, contrast 0, ")
 
 
-def test_a_field_longer_than_the_block_is_one_level(burr, bone):
-    specimen = BoneField(0.8, 0.1, 1e6).specimen(burr, 0.2, seed=2)
+def test_a_field_longer_than_the_block_is_one_level():
+    specimen = BoneField(0.8, 0.1, 1e6).specimen(BURR, 0.2, seed=2)
     levels = np.unique(np.asarray(specimen.bone.density))
     assert levels.size == 1
-    even = BoneField(float(levels[0]) / 255, 0.0).specimen(burr, 0.2, seed=2)
-    assert velocity(burr, bone, 2.0, specimen) == velocity(burr, bone, 2.0, even)
+    even = BoneField(float(levels[0]) / 255, 0.0).specimen(BURR, 0.2, seed=2)
+    assert velocity(specimen) == velocity(even)
 
 
 @pytest.mark.parametrize("length", [0.25, 0.6])
-def test_velocity_in_one_bone_does_not_depend_on_the_voxel(burr, bone, length):
+def test_velocity_in_one_bone_does_not_depend_on_the_voxel(length):
     """Measured: 0.2 mm is within 1.4 % of 0.1 mm, and bones differ by more."""
     field = BoneField(0.8, 0.2, length)
-    pairs = [
-        [velocity(burr, bone, 2.0, field.specimen(burr, voxel, seed=seed)) for voxel in (0.1, 0.2)]
-        for seed in range(6)
-    ]
+    pairs = [[velocity(field.specimen(BURR, voxel, seed=seed)) for voxel in (0.1, 0.2)] for seed in range(6)]
     fine, coarse = np.log(np.array(pairs)).T
     assert np.abs(coarse - fine).max() < 0.025
     assert fine.std(ddof=1) > 0.025
-
-
-BURR, BONE, FIELD = Burr(3.0), materials["bone"], BoneField()
 
 
 def predict(field=FIELD, forces=(1.0, 2.0), burr=BURR, material=BONE, **options):
@@ -170,11 +164,11 @@ def test_prediction_does_not_depend_on_workers_or_other_forces():
     assert predict(seed=drawn, repeats=2).log_velocity.shape == (2, 2)
 
 
-def test_one_descent_can_be_rerun_by_itself(burr, bone):
+def test_one_descent_can_be_rerun_by_itself():
     seed = item_seed(3, 2.0, 1)
     place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
-    specimen = BoneField().specimen(burr, 0.4, seed=seed, offset=0.4 * place)
-    assert np.log(velocity(burr, bone, 2.0, specimen, seed)) == predict().log_velocity[1, 1]
+    specimen = BoneField().specimen(BURR, 0.4, seed=seed, offset=0.4 * place)
+    assert np.log(velocity(specimen, seed)) == predict().log_velocity[1, 1]
 
 
 def test_scatter_grows_with_contrast_and_correlation_length():
@@ -309,11 +303,11 @@ def test_what_is_refused(call, options, message):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("contrast", "length"), [(0.1, 0.25), (0.1, 1.0), (0.2, 0.5)])
-def test_scatter_does_not_depend_on_voxel_or_tick(burr, bone, contrast, length):
+def test_scatter_does_not_depend_on_voxel_or_tick(contrast, length):
     """Measured in the same bones at 0.1 and 0.2 mm, 1 and 0.5 ms: standard deviations agree within 5 %."""
     field = BoneField(0.8, contrast, length)
     fine, coarse = (
-        predicted_scatter(burr, bone, [0.5, 1.0, 2.0], field, voxel=voxel, dt=dt, seed=5)
+        predicted_scatter(BURR, BONE, [0.5, 1.0, 2.0], field, voxel=voxel, dt=dt, seed=5)
         for voxel, dt in ((0.1, 0.5), (0.2, 1.0))
     )
     assert coarse.pooled == pytest.approx(fine.pooled, rel=0.1)

@@ -33,7 +33,6 @@ from burrlab.theory.closed_forms import contact_stiffness
 from burrlab.theory.continuum import MasterCurve
 
 BURR = Burr(3.0)
-SEEDS = range(8)  # a seed also draws the place of the burr within a voxel
 FORCES = (0.3, 0.5, 1.0, 2.0)  # [N]
 VOXELS = (0.4, 0.2, 0.1)  # [mm]
 STEPS = (0.25, 0.5, 1.0, 2.0)  # [ms]
@@ -50,7 +49,7 @@ class Case:
     dt: float = 1.0
     shape: str = "parabolic"
     scheme: str = "layer"
-    seeds: int = len(SEEDS)
+    seeds: int = 8  # a seed also draws the place of the burr within a voxel
     law: tuple[float, float] | None = None  # exponents of force and rate; u = 0.12 at 1 N
 
 

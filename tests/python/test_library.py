@@ -21,7 +21,6 @@ import burrlab
 EIGEN = Path(sysconfig.get_path("purelib")) / "cmeel.prefix"
 COMPILERS = {"g++": "gcc", "clang++": "clang"}
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-fsyntax-only"]
-FLAGS = ["-O2", "-O0", "-O3 -march=native -ffast-math"]
 
 pytestmark = pytest.mark.slow
 
@@ -79,7 +78,7 @@ def ticks():
     return bone.digest(), total
 
 
-@pytest.mark.parametrize("flags", FLAGS)
+@pytest.mark.parametrize("flags", ["-O2", "-O0", "-O3 -march=native -ffast-math"])
 def test_ticks_are_the_modules_to_the_bit(installed, tools, ticks, flags, tmp_path):
     compiler, _, prefix = installed
     run(tools, "cmake", "-S", ROOT / "tests/library", "-B", tmp_path, f"-DCMAKE_CXX_COMPILER={compiler}",

@@ -25,15 +25,8 @@ Floats = NDArray[np.float64]
 # --- No directional bias ----------------------------------------------------------------------------------
 
 
-def removed_centroid_off_axis(specimen: burrlab.Specimen, bone: burrlab.VoxelBone) -> float:
-    """Distance of the removed bone's centroid from the axis of the descent [mm]."""
-    centroid = ndimage.center_of_mass(bone.pristine.astype(float) - bone.density)[::-1]
-    away = bone.origin + np.multiply(centroid, bone.spacing) - specimen.surface
-    return float(np.linalg.norm(away - (away @ specimen.axis) * specimen.axis))
-
-
 def sink(axis: tuple[float, float, float], seed: int, force: float, voxel: float) -> tuple[float, float]:
-    """Penetration velocity [mm/s], and the removed volume's distance from the axis [mm]."""
+    """Penetration velocity [mm/s], and the distance of the removed bone's centroid from the axis [mm]."""
     place = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, 3) * voxel
     specimen = burrlab.half_space(BURR, voxel, axis=axis, offset=place)
     run = burrlab.descend(BURR, BONE, force, specimen=specimen, seed=seed, ideal=True)
@@ -43,7 +36,9 @@ def sink(axis: tuple[float, float, float], seed: int, force: float, voxel: float
         [specimen.center(h, BURR) for h in run.immersion], 1.0
     )
     assert run.provenance["digest"] == bone.digest()
-    return run.penetration_velocity, removed_centroid_off_axis(specimen, bone)
+    centroid = ndimage.center_of_mass(bone.pristine.astype(float) - bone.density)[::-1]
+    away = bone.origin + np.multiply(centroid, bone.spacing) - specimen.surface
+    return run.penetration_velocity, float(np.linalg.norm(away - (away @ specimen.axis) * specimen.axis))
 
 
 def sink_all(axes: list[tuple[float, float, float]], seeds: int, force: float, voxel: float) -> Floats:

@@ -24,7 +24,7 @@ WARM = 5.0  # time for parcels to reach their number [s]
 def main() -> None:
     chosen = options(__doc__, seconds=60.0, parcels=20_000, rounds=2)
     for number in range(chosen.rounds):
-        text = run(chosen.seconds, chosen.parcels, alone_first=number % 2 == 0)["text"]
+        text = run(chosen.seconds, chosen.parcels, alone_first=number % 2 == 0)
         print(f"round {number + 1} of {chosen.rounds}, on {os.cpu_count()} CPUs\n{text}\n")
 
 
@@ -66,7 +66,8 @@ def run_alone(seconds: float) -> float:
         return tick_time(made.loop, before)
 
 
-def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
+def run_beside(seconds: float, parcels: int) -> tuple[float, str, str]:
+    """Median tick [us], and lines on the frames and on the balances."""
     made = session(seconds)
     # Effects that soon hold at least `parcels`; a merge at the limit leaves 95 %, and some parcels go.
     companion = Companion(
@@ -88,29 +89,22 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
         companion.wait(10)
     balances, end = companion.newest()["balance"], companion.report()
     removed = round(made.snapshot()[0].removed / companion.quantum)
-    return {
-        "median_us": median,
-        "frames": end.frames - begin.frames,
-        "over_budget": end.over_budget - begin.over_budget,
-        "report": end.to_dict(),
-        "exact": all(balance.exact for balance in balances.values()) and balances["dust"].made == removed,
-        "failed": made.failed or bool(companion.error),
-    }
-
-
-def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, Any]:
-    """Results of the same session without and with effects."""
-    alone = run_alone(seconds) if alone_first else None
-    beside = run_beside(seconds, parcels)
-    alone = alone or run_alone(seconds)
-    frames, median = beside["frames"], beside["median_us"]
-    text = (
-        f"{frames - beside['over_budget']} of {frames} frames within 20 ms, with up to "
-        f"{beside['report']['parcels_most']} parcels\n"
-        f"median tick {alone:.1f} us alone, {median:.1f} us beside, {median / alone:.2f} times\n"
-        f"made = present + sucked + drained in quanta, and dust made = bone removed: {beside['exact']}"
+    exact = all(balance.exact for balance in balances.values()) and balances["dust"].made == removed
+    frames, late = end.frames - begin.frames, end.over_budget - begin.over_budget
+    return (
+        median,
+        f"{frames - late} of {frames} frames within 20 ms, with up to {end.parcels_most} parcels",
+        f"made = present + sucked + drained in quanta, and dust made = bone removed: {exact}",
     )
-    return {**beside, "text": text}
+
+
+def run(seconds: float, parcels: int, *, alone_first: bool) -> str:
+    """Lines on the same session without and with effects."""
+    alone = run_alone(seconds) if alone_first else None
+    median, frames, balances = run_beside(seconds, parcels)
+    alone = alone or run_alone(seconds)
+    ticks = f"median tick {alone:.1f} us alone, {median:.1f} us beside, {median / alone:.2f} times"
+    return f"{frames}\n{ticks}\n{balances}"
 
 
 if __name__ == "__main__":

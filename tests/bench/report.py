@@ -42,9 +42,8 @@ def limits(scenes: Results, bandwidth: float, path: str) -> list[Results]:
 
 def spread(ratio: dict[str, float]) -> str:
     """Median and quartiles, in three digits without exponents."""
-    names = ("median", "quartile_1", "quartile_3")
-    texts = [f"{ratio[k]:,.0f}" if ratio[k] >= 100 else f"{ratio[k]:.3g}" for k in names]
-    return "{} [{}, {}]".format(*texts)
+    parts = (ratio[name] for name in ("median", "quartile_1", "quartile_3"))
+    return "{} [{}, {}]".format(*(f"{part:,.0f}" if part >= 100 else f"{part:.3g}" for part in parts))
 
 
 def table(results: Results) -> Iterator[str]:

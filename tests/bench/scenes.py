@@ -1,6 +1,7 @@
 """The scenes of the benchmark: solid bone below a surface, air above, a burr and its path in the volume."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from native import Burring, Levels, Numbers
@@ -141,12 +142,7 @@ def volume(side: int, *, quick: bool = False) -> Scene:
 
 def growing(quick: bool) -> list[Scene]:
     """All scenes timed alike: those that grow with R/voxel, and a smaller burr on coarser voxels."""
-    scenes = []
-    for resolution in (12.5, 25.0) if quick else RESOLUTIONS:
-        spacing = LARGE_RADIUS / resolution
-        scenes += [
-            slide(LARGE_RADIUS, spacing, ticks=200 if quick else SLIDE_TICKS, quick=quick),
-            buried(LARGE_RADIUS, spacing, quick=quick),
-            air(LARGE_RADIUS, spacing, quick=quick),
-        ]
-    return [*scenes, slide(2.5, 0.2, ticks=200 if quick else SLIDE_TICKS, quick=quick)]
+    slides = partial(slide, ticks=200 if quick else SLIDE_TICKS)
+    spacings = [LARGE_RADIUS / resolution for resolution in ((12.5, 25.0) if quick else RESOLUTIONS)]
+    scenes = [make(LARGE_RADIUS, s, quick=quick) for s in spacings for make in (slides, buried, air)]
+    return [*scenes, slides(2.5, 0.2, quick=quick)]

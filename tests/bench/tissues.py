@@ -32,8 +32,7 @@ LAYOUTS = {
 
 def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
     """Medians [us] by layout, and tick-by-tick ratios to one tissue; RuntimeError if levels differ."""
-    p = scene.levels()
-    cores = {name: Core.of(native, p, scene.burring, path) for name in LAYOUTS}
+    cores = {name: Core.of(native, scene.levels(), scene.burring, path) for name in LAYOUTS}
     for name, given in LAYOUTS.items():
         if given is not None:
             numbers = numbers_of(name.removesuffix(" watched"), scene.shape)

@@ -223,5 +223,7 @@ def lines(folder: Path, turns: int = 3) -> Iterator[str]:
         clock = first_text if wait.program == _EXPERIMENT else spent
         pairs = [(clock(wait.program, folder), clock(wait.plain, folder)) for _ in range(turns)]
         own, plain = (statistics.median(times) for times in zip(*pairs, strict=True))
-        ratio = statistics.median(one / other for one, other in pairs)
-        yield f"{wait.name:<34} {own:>8.2f} {ratio:>6.2f}  {wait.plain_name} ({plain:.2f} s)"
+        yield (
+            f"{wait.name:<34} {own:>8.2f} {statistics.median(a / b for a, b in pairs):>6.2f}  "
+            f"{wait.plain_name} ({plain:.2f} s)"
+        )

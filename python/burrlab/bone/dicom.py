@@ -128,9 +128,8 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
 
     A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
     """
-    files = Path(folder).rglob("*") if below else Path(folder).iterdir()
     paths = {
-        path for path in files
+        path for path in (Path(folder).rglob("*") if below else Path(folder).iterdir())
         if path.is_file() and path.name.upper() != "DICOMDIR" and not path.name.startswith("._")
     }  # fmt: skip
     slices = {path for path in paths if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom")}

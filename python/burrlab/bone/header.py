@@ -343,14 +343,12 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
                 return fields, keys, file.tell()
             if line.startswith("#"):
                 continue
-            if ":=" in line:
-                key, _, value = line.partition(":=")
-                value = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
-                keys[key.strip()] = value.strip()
+            key, sign, value = map(str.strip, line.partition(":=" if ":=" in line else ":"))
+            if sign == ":=":
+                text = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
+                keys[key] = text.strip()
             else:
-                key, _, value = line.partition(":")
-                key, value = key.strip().lower(), value.strip()
-                key = _SYNONYMS.get(key, key)
+                key = _SYNONYMS.get(key.lower(), key.lower())
                 if key == "data file" and value.startswith("LIST"):
                     value += "\n" + file.read(1 << 24).decode("utf-8", "replace")
                 refuse(key in fields, f"{name}: {shown(key)} must be once in the NRRD header, got it twice")

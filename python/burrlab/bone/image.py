@@ -96,8 +96,7 @@ class OnGrid(ABC):
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of voxels along (z, y, x)."""
-        z, y, x = self.voxels.shape
-        return z, y, x
+        return self.voxels.shape
 
     @property
     def extent(self) -> Array:
@@ -213,8 +212,10 @@ class OnGrid(ABC):
         return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
 
     def __repr__(self) -> str:
-        grid = f"{_times(self.shape[::-1])} voxels of {_times(self.spacing)} mm"
-        return f"{type(self).__name__}({grid}, {self.voxels.dtype}, {self.path})"
+        return (
+            f"{type(self).__name__}({_times(self.shape[::-1])} voxels of {_times(self.spacing)} mm, "
+            f"{self.voxels.dtype}, {self.path})"
+        )
 
 
 def box_text(grid: OnGrid) -> str:
@@ -313,8 +314,7 @@ def resampled_shape(
         f"{MOST_VOXELS:.3g} are the most",
     )
     check_memory(5.0 * voxels + work * math.prod(shape), f"resampling to {voxels:.3g} voxels")
-    z, y, x = (int(n) for n in counts)
-    return z, y, x
+    return tuple(counts.astype(int).tolist())
 
 
 def resample_linear(values: NDArray[Any], old: Array, new: Array, *, levels: bool = False) -> NDArray[Any]:
@@ -360,11 +360,11 @@ def resample_linear(values: NDArray[Any], old: Array, new: Array, *, levels: boo
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
     """Labels (z, y, x) of the old voxels at the centres of the new ones; on a face, of the lower voxel."""
-    sizes = zip(labels.shape, resampled_shape(labels.shape, old, new), (new / old)[::-1], strict=True)
-    places = [
+    shape = resampled_shape(labels.shape, old, new)
+    places = (
         np.clip(np.ceil((np.arange(count) + 0.5) * ratio - 1e-9) - 1, 0, side - 1).astype(int)
-        for side, count, ratio in sizes
-    ]
+        for side, count, ratio in zip(labels.shape, shape, (new / old)[::-1], strict=True)
+    )
     return np.asarray(labels[np.ix_(*places)])
 
 

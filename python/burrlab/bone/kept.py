@@ -123,11 +123,9 @@ def is_drilled(target: Path) -> bool:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
-        try:
-            description: Any = json.loads(attributes(file)["source"])
-        except UNREADABLE:
-            description = None
+    description: Any = None
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, contextlib.suppress(*UNREADABLE):
+        description = json.loads(attributes(file)["source"])
     refuse(
         not isinstance(description, dict) or description.get("kind") != KIND,
         f"{path} is a bone, but not one of a drilled volume",
@@ -424,12 +422,14 @@ def check_drilled(
         and not is_drilled(target),
         f"path must be another file than the original {like.path}",
     )
-    if isinstance(like, LabelVolume):
-        refuse(
-            mapping is not None, f"mapping must be given for grey values only, and {like.path} holds labels"
-        )
-    else:
-        refuse(mapping is None, f"mapping must be given: that with which the bone was made of {like.path}")
+    refuse(
+        isinstance(like, LabelVolume) and mapping is not None,
+        f"mapping must be given for grey values only, and {like.path} holds labels",
+    )
+    refuse(
+        isinstance(like, Volume) and mapping is None,
+        f"mapping must be given: that with which the bone was made of {like.path}",
+    )
     empty = None if mapping is None else float(grey_of_levels(mapping)[0])
     if empty is not None:
         coded(np.empty(0), like.path, empty, like.voxels.dtype)

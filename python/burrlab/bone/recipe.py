@@ -169,8 +169,8 @@ def _volume_files(path: str) -> list[str]:
     if is_stack(path):
         return stack_files(path)
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
-        parts = Path(path).iterdir() if holds_dicom(path) else Path(path).rglob("*")
-        return sorted(str(part) for part in parts if part.is_file())
+        pattern = "*" if holds_dicom(path) else "**/*"
+        return sorted(str(part) for part in Path(path).glob(pattern) if part.is_file())
     file_format = format_of(path)
     if file_format is None or is_dicom(path):
         return [path]
@@ -299,10 +299,12 @@ class VolumeRecipe(_CachedRecipe):
 
     def __post_init__(self) -> None:
         path = absolute(self.path)
-        for name in ("spacing", "voxel"):
-            if (lengths := getattr(self, name)) is not None:
-                object.__setattr__(self, name, _triple(checked_spacing(lengths, name)))
-        self.__dict__.update(path=path, transpose=rows_along_x(path, self.transpose))
+        spacings = {
+            name: _triple(checked_spacing(lengths, name))
+            for name, lengths in (("spacing", self.spacing), ("voxel", self.voxel))
+            if lengths is not None
+        }
+        self.__dict__.update(path=path, transpose=rows_along_x(path, self.transpose), **spacings)
         if self.crop is not None:
             low, high = (_triple(checked_point(corner, "crop")) for corner in self.crop)
             object.__setattr__(self, "crop", (low, high))
@@ -351,8 +353,9 @@ class VolumeRecipe(_CachedRecipe):
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        bone = self.bone()
-        specimen = grey_specimen(self.grid(), bone, self.mapping, entry, axis, lambda: self.volume().values)
+        specimen = grey_specimen(
+            self.grid(), self.bone(), self.mapping, entry, axis, lambda: self.volume().values
+        )
         return replace(specimen, made={**specimen.made, "recipe": self.plain()})
 
     _on = volume

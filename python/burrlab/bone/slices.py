@@ -90,8 +90,8 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     ]
     named = "" if prefix is None else f" that begin with {prefix!r}"
     refuse(not pictures, f"{text}: there are no PNG slices{named}")
-    first = 0 if prefix is not None else 1  # a description counts from 0
-    return _alike(_in_order(text, pictures, latest=first if in_folder else None))
+    # a description counts from 0
+    return _alike(_in_order(text, pictures, latest=int(prefix is None) if in_folder else None))
 
 
 def stack_files(path: str) -> list[str]:
@@ -145,12 +145,15 @@ def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path
     far = order[-1] - order[0] >= 10**6
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
     numbers_text = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-    several = f"{len(missing)} are missing ({numbers_text})"
-    some = f"slice {numbers_text} is missing" if len(missing) == 1 else several
+    lost = (
+        f"slice {numbers_text} is missing"
+        if len(missing) == 1
+        else f"{len(missing)} are missing ({numbers_text})"
+    )
     refuse(
         missing or far,
         f"{place}: of the slices {order[0]} to {order[-1]}, "
-        f"{'many are missing (numbers far apart)' if far else some}",
+        f"{'many are missing (numbers far apart)' if far else lost}",
     )
     before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
     refuse(
@@ -243,17 +246,20 @@ class Palette:
         unknown: str | int,
         ranking: Sequence[str] | None,
     ) -> None:
-        if isinstance(palette, Tissues):
-            rows: list[tuple[int, str, Any]] = [(t.label, t.name, t.colour) for t in palette]
-            critical = {t.label for t in palette if t.critical}
-        else:
-            named = VOLUMETRIC_DRILLING if palette is None else palette
-            rows = [(i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1)]
-            critical = {i for i, name, _ in rows if (known := known_tissue(name)) and known.critical}
+        rows: list[tuple[int, str, Any, Any]] = (
+            [(t.label, t.name, t.colour, t.critical) for t in palette]
+            if isinstance(palette, Tissues)
+            else [
+                (i, name, colour, (known := known_tissue(name)) and known.critical)
+                for i, (name, colour) in enumerate(
+                    (VOLUMETRIC_DRILLING if palette is None else palette).items(), start=1
+                )
+            ]
+        )
         self.names: dict[int, str] = {}
         self.colours: dict[int, Colour] = {}
         seen: dict[Colour, str] = {}
-        for label, name, color_text in rows:
+        for label, name, color_text, _ in rows:
             colour = _colour(name, color_text)
             if label == 0:  # always transparent and black
                 self.names[0] = name
@@ -280,7 +286,10 @@ class Palette:
         )
         self._labels = np.array([0, *self.colours, 0], self.dtype)
         # Never guessed: a guess makes no hole, and is no critical structure.
-        self._spare = {*critical, *(i for i in self.colours if _known(self.names[i])[0] in EMPTY)}
+        self._spare = {
+            *(label for label, _, _, critical in rows if critical),
+            *(label for label in self.colours if _known(self.names[label])[0] in EMPTY),
+        }
         self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
         self._strange: Counter[int] = Counter()
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
@@ -557,26 +566,22 @@ def _content(name: str) -> Any:
     with open(name, "rb") as file:
         content = file.read(_LONGEST + 1)
     refuse(len(content) > _LONGEST, f"{name}: a description must have at most {_LONGEST} bytes")
-    try:
-        loader = yaml.SafeLoader(content)
-        merge = loader.flatten_mapping
 
-        def bounded(node: Any) -> None:
-            merge(node)
+    class BoundedLoader(yaml.SafeLoader):  # type: ignore[misc]
+        def flatten_mapping(self, node: Any) -> None:
+            super().flatten_mapping(node)
             if len(node.value) > _LONGEST:
                 raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
 
-        compose = loader.compose_mapping_node
-
-        def distinct(anchor: Any) -> Any:
-            node = compose(anchor)
+        def compose_mapping_node(self, anchor: Any) -> Any:
+            node = super().compose_mapping_node(anchor)
             keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
             if twice := [key for key, count in keys.items() if count > 1]:
                 raise yaml.YAMLError(f"{twice[0]!r} stands twice in a mapping")
             return node
 
-        loader.flatten_mapping, loader.compose_mapping_node = bounded, distinct
-        return loader.get_single_data()
+    try:
+        return BoundedLoader(content).get_single_data()
     except (
         yaml.YAMLError,
         ValueError,
@@ -756,8 +761,8 @@ def stack_of(
             palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
         )
         greys = (image[..., 0] if image.ndim == 3 else image for image in map(pixels, slices.paths))
-        kind = np.uint16 if slices.bits == 16 else np.uint8
-        return Volume(_stacked(name, greys, shape, kind, turned), notes=tuple(notes), **grid)
+        values = _stacked(name, greys, shape, np.uint16 if slices.bits == 16 else np.uint8, turned)
+        return Volume(values, notes=tuple(notes), **grid)
     colours = Palette(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
     planes = (colours.labels(pixels(file), file) for file in slices.paths)
@@ -821,9 +826,9 @@ def _stacked(
 
 def is_stack(path: str) -> bool:
     """Whether a path names PNG slices: a YAML file, a pattern, or a folder with PNG and no DICOM files."""
-    if Path(path).suffix.lower() in (*_DESCRIPTIONS, ".png"):
-        return True
-    return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)
+    return Path(path).suffix.lower() in (*_DESCRIPTIONS, ".png") or (
+        Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)
+    )
 
 
 def stack_slices(path: str) -> SliceFiles | None:

@@ -157,8 +157,10 @@ def read_flat(path: str | os.PathLike[str]) -> tuple[VoxelBone, int, str, list[s
 
 def _words(text: str) -> list[str]:
     """Words, and texts in quotation marks, of a flat file's header."""
-    found = re.findall(r'"([^"\\]*(?:\\.[^"\\]*)*)"|(\S+)', text, re.DOTALL)
-    return [word or re.sub(r"\\(.)", r"\1", quoted, flags=re.DOTALL) for quoted, word in found]
+    return [
+        word or re.sub(r"\\(.)", r"\1", quoted, flags=re.DOTALL)
+        for quoted, word in re.findall(r'"([^"\\]*(?:\\.[^"\\]*)*)"|(\S+)', text, re.DOTALL)
+    ]
 
 
 def bone_source(path: str | os.PathLike[str]) -> str:

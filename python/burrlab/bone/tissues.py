@@ -438,13 +438,12 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     Labels in `unnamed` still need a name: a grey colour and the flags that follow from a name stay empty.
     `read_tissues` refuses the names that stand in for theirs, "structure 3" and names with a mark.
     """
-    for tissue in tissues:
-        refuse(
-            len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip(),
-            f"name of a tissue must be one line without space around it, got {tissue.name!r}",
-        )
     rows = []
     for t in tissues:
+        refuse(
+            len(t.name.splitlines()) != 1 or t.name != t.name.strip(),
+            f"name of a tissue must be one line without space around it, got {t.name!r}",
+        )
         values = [
             "" if t.assumed and of_tissue == bone else repr(of_tissue)
             for of_tissue, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
@@ -478,9 +477,9 @@ def _material(name: str, text: str) -> Material | None:
 def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
     known = known_tissue(row["name"])
     stated = {key: value for key, value in row.items() if value is not None}
-    missing = not {"c_e", "alpha"} <= stated.keys()
+    constants = {"c_e", "alpha"} & stated.keys()
     # Bone with both values empty has the material's pair, which is published.
-    lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & stated.keys())
+    lacking = len(constants) < 2 and not (known is not None and known.bone and not constants)
     refuse(
         lacking and stated.get("assumed") is False,
         f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'",

@@ -301,12 +301,11 @@ class AnatomyReport:
         names = [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses]
         for name, d in zip(names, doses, strict=True):
             colour = tuple(0.85 * part / 255.0 for part in self.colours.get(d.structure, (0, 0, 0)))
-            look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
             top.plot(
                 list(d.time_within),
                 list(d.time_within.values()),
                 label=f"{label}, {name}" if label else name,
-                **look,
+                **styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-"),
             )
         top.set(
             xlabel="distance of the burr's surface [mm]",

@@ -345,8 +345,7 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
                 continue
             key, sign, value = map(str.strip, line.partition(":=" if ":=" in line else ":"))
             if sign == ":=":
-                text = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
-                keys[key] = text.strip()
+                keys[key] = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value).strip()
             else:
                 key = _SYNONYMS.get(key.lower(), key.lower())
                 if key == "data file" and value.startswith("LIST"):

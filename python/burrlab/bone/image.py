@@ -630,8 +630,11 @@ class Volume(OnGrid):
             for k in range(0, len(self.values), SLAB):
                 bone.write(mapping.levels(self.values[k : k + SLAB]), (k, 0, 0))
             return bone
-        levels = resample_linear(mapping.occupancy(self.values), self.spacing, new, levels=True)
-        return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
+        return VoxelBone(
+            resample_linear(mapping.occupancy(self.values), self.spacing, new, levels=True),
+            spacing=new,
+            origin=self.bone_point(self._origin_at(new)),
+        )
 
     def specimen(
         self, mapping: OccupancyMap, *, entry: Vector, axis: Vector, spacing: float | ArrayLike | None = None

@@ -103,9 +103,10 @@ class BoneRecipe(ABC):
                 plain[each.metadata["key"]] = each.metadata["write"](value)
         return plain
 
-    @abstractmethod
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe with another path of its volume."""
+        """The same recipe with another path of its volume, if it has one."""
+        parts = {name: part.at(path) for name, part in vars(self).items() if isinstance(part, BoneRecipe)}
+        return cast(Self, replace(cast(Any, self), **parts))
 
     @abstractmethod
     def bone(self) -> VoxelBone:
@@ -776,10 +777,6 @@ class BlockRecipe(BoneRecipe):
     origin: Sequence[float] = field(metadata=_key("origin_mm", _triple))
     level: int = field(metadata=_key("level", functools.partial(whole_number, most=255)))
 
-    def at(self, path: str | os.PathLike[str]) -> Self:
-        """The recipe itself: it needs no file."""
-        return self
-
     def bone(self) -> VoxelBone:
         """The bone; ValueError if a length is not positive or the block is too large."""
         apart = self.voxel
@@ -800,10 +797,6 @@ class VolumeBlockRecipe(BoneRecipe):
     entry: Triple = field(metadata=_key("entry_mm", _triple))
     axis: Triple = field(metadata=_key("axis", _triple))
 
-    def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe with another path of its volume."""
-        return replace(self, volume=self.volume.at(path))
-
     def bone(self) -> VoxelBone:
         """The bone; errors as `cut_block`."""
         return cut_block(self.volume, self.size, self.voxel, entry=self.entry, axis=self.axis)
@@ -821,19 +814,14 @@ class LayeredRecipe(BoneRecipe):
     height: float = field(metadata=_key("boundary_mm", float))
     tissues: Tissues = field(metadata=_key("tissues", tissues_from_json, tissues_to_json))
 
-    def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe with another path of its volume."""
-        return replace(self, whole=self.whole.at(path))
-
     def bone(self) -> VoxelBone:
         """The bone; errors as those of the whole."""
         return self.of_whole(self.whole.bone())
 
     def of_whole(self, bone: VoxelBone) -> VoxelBone:
         """The same bone, which becomes one of two tissues."""
-        z = bone.origin[2] + bone.spacing[2] * np.arange(bone.shape[0])
-        numbers = np.broadcast_to((z < self.height)[:, None, None], bone.shape)
-        bone.set_tissues(self.tissues, numbers.astype(np.uint8))
+        below = bone.origin[2] + bone.spacing[2] * np.arange(bone.shape[0]) < self.height
+        bone.set_tissues(self.tissues, np.broadcast_to(below[:, None, None], bone.shape).astype(np.uint8))
         return bone
 
 

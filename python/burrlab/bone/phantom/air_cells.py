@@ -72,9 +72,8 @@ class AirCells:
         """Diameters [mm] of cells that fill a volume [mm^3], largest first; draw k depends on seed and k."""
         sigma = math.log(self.geometric_deviation)
         most = int(2 * volume / (math.pi / 6 * self.median_diameter**3 * math.exp(4.5 * sigma**2))) + 100
-        normal = special.ndtri(uniform(seed, 0, most))
         # Rounded: the last bit of exp differs between processors.
-        diameter = np.round(self.median_diameter * np.exp(sigma * normal), 6)
+        diameter = np.round(self.median_diameter * np.exp(sigma * special.ndtri(uniform(seed, 0, most))), 6)
         count = int(np.searchsorted(np.cumsum(math.pi / 6 * diameter**3), volume))
         return np.sort(diameter[: max(1, count)])[::-1]
 
@@ -123,8 +122,7 @@ class Honeycomb:
     def wall_distance(self, grid: Grid, inside: NDArray[np.bool_], reach: float) -> Singles:
         """Distance from the middle of the nearest wall [mm] where `inside`; exact below `reach`."""
         out = np.full(grid.shape, np.float32(FAR))
-        edges = [_block_edges(places) for places in (grid.z, grid.y, grid.x)]
-        for z, y, x in itertools.product(*edges):
+        for z, y, x in itertools.product(*map(_block_edges, (grid.z, grid.y, grid.x))):
             met = inside[z, y, x]
             if met.any():
                 part = Grid(grid.x[x], grid.y[y], grid.z[z])
@@ -168,8 +166,7 @@ def _moments(diameter: Floats) -> tuple[float, float]:
 
 
 def _block_edges(places: Floats) -> list[slice]:
-    block = np.floor(places / BLOCK)
-    begin = [0, *(np.flatnonzero(np.diff(block)) + 1).tolist(), len(places)]
+    begin = [0, *(np.flatnonzero(np.diff(np.floor(places / BLOCK))) + 1).tolist(), len(places)]
     return [slice(a, b) for a, b in itertools.pairwise(begin)]
 
 

@@ -218,8 +218,7 @@ def temporal_bone(
     order = slice(None, None, -1 if mirrored else 1)
     for begin in range(0, grid.shape[0], layers):
         rows = slice(begin, begin + layers)
-        part = Grid(painted.x, painted.y, painted.z[rows])
-        slab = paint(at, fields, cells, part, air_cells.wall, width)
+        slab = paint(at, fields, cells, Grid(painted.x, painted.y, painted.z[rows]), air_cells.wall, width)
         for whole, painted_part in zip((levels, numbers, target), slab, strict=True):
             whole[rows] = painted_part[:, :, order]
         report(min(1.0, (begin + layers) / grid.shape[0]))
@@ -271,8 +270,7 @@ def _checked_grid(
 @lru_cache(maxsize=4)
 def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
     low, high = (np.array(corner) for corner in CELLS_BOX)
-    grid = lattice_around(Grid(*np.transpose([low, high])))
-    fields = Fields.of(Structures.of(seed), grid)
+    fields = Fields.of(Structures.of(seed), lattice_around(Grid(*np.transpose([low, high]))))
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))

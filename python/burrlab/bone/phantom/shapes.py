@@ -76,8 +76,7 @@ class Tube:
         curve = np.column_stack(
             [scipy.interpolate.PchipInterpolator(at, corners[:, axis])(fine) for axis in range(3)]
         )
-        radii = np.broadcast_to(np.asarray(radius, dtype=float), at.shape)
-        return cls(curve, np.interp(fine, at, radii))
+        return cls(curve, np.interp(fine, at, np.broadcast_to(np.asarray(radius, dtype=float), at.shape)))
 
     @classmethod
     def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> "Tube":

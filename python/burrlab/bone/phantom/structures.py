@@ -230,23 +230,22 @@ def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:
 def _outside(at: Structures, grid: Grid) -> Floats:
     x, y, z = grid.open()
     below = -12.5 - 0.15 * np.clip(y, 0.0, 20.0) - z  # the skull base beside the mastoid process
-    base = smooth_min(np.broadcast_to(below, grid.shape), distance_to([at.tip], grid, 10.0), 3.0)
-    return smooth_max(np.broadcast_to(surface_depth(grid) - x, grid.shape), base, 2.0)
+    base = smooth_min(below, distance_to([at.tip], grid, 10.0), 3.0)
+    return smooth_max(surface_depth(grid) - x, base, 2.0)
 
 
 def _cranium(at: Structures, grid: Grid) -> Floats:
     x, y, z = grid.open()
-    squama = np.broadcast_to(surface_depth(grid) + 4.0 - x, grid.shape)
+    squama = surface_depth(grid) + 4.0 - x
     floor = at.tegmen[0] + at.tegmen[1] * (x - 12.0) + at.tegmen[2] * (y - 6.0)
-    middle = smooth_max(np.broadcast_to(floor - z, grid.shape), squama, 4.0)
-    plane = np.broadcast_to((at.fossa - x - 0.8 * y) / np.sqrt(1.64), grid.shape)
-    return smooth_min(middle, smooth_max(plane, squama + 2.0, 4.0), 2.0)
+    posterior = smooth_max((at.fossa - x - 0.8 * y) / np.sqrt(1.64), squama + 2.0, 4.0)
+    return smooth_min(smooth_max(floor - z, squama, 4.0), posterior, 2.0)
 
 
 def _mastoid(grid: Grid, outside: Floats) -> Floats:
     """Region for cells: below the cortex, behind and above the ear canal, lateral to the inner ear."""
     _, y, z = grid.open()
-    front = np.broadcast_to(np.minimum(2.0, -2.9 - 0.82 * z) - y, grid.shape)
+    front = np.minimum(2.0, -2.9 - 0.82 * z) - y
     body = ellipsoid(grid, [5.0, 8.0, -4.0], [13.0, 20.0, 26.0])
     return smooth_max(smooth_max(outside + CORTEX, front, 2.0), body, 3.0)
 
@@ -255,5 +254,4 @@ def _funnel(at: Structures, grid: Grid) -> Floats:
     """Cone that narrows from the opening to the antrum and ends at the antrum's far wall."""
     a, b = at.landmarks["entry"] - [2.0, 0.0, 0.0], at.antrum[0]
     x, _, _ = grid.open()
-    end = np.broadcast_to(x - (b[0] + at.antrum[1][0]), grid.shape)
-    return smooth_max(tapered(grid, (a, b), (OPENING, BOTTOM)), end, 2.0)
+    return smooth_max(tapered(grid, (a, b), (OPENING, BOTTOM)), x - (b[0] + at.antrum[1][0]), 2.0)

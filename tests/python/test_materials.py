@@ -9,7 +9,6 @@ import pytest
 
 from burrlab import Burr, Material, Shape, _core, elastic_force, materials, penetration
 
-NAMES = ("constant", "linear", "parabolic", "quartic", "power(0.5)", "power(3)", "power(8)")
 NAMESPACE = {"Burr": Burr, "Material": Material, "Shape": Shape}
 
 
@@ -29,17 +28,10 @@ NAMESPACE = {"Burr": Burr, "Material": Material, "Shape": Shape}
 )
 def test_shape_values(name: str, order: float, definition: Any) -> None:
     f, x = Shape(name), np.linspace(0, 1, 101)
-    assert f.order == order
+    assert (f.order, f.name, str(f), Shape(f.name)) == (order, name, name, f)
     np.testing.assert_allclose(f(x), definition(x), rtol=1e-13, atol=1e-15)
     assert (f(0.5), f(0.0)) == (f(np.array([0.5]))[0], 1.0)
     assert f(1.0 + 1e-12) == f(1e6) == 0.0
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_shape_names_make_the_shape_again(name: str) -> None:
-    f = Shape(name)
-    assert f.name == str(f) == name
-    assert Shape(f.name) == f
 
 
 def test_shapes_with_two_names() -> None:

@@ -1,6 +1,5 @@
 """NIfTI headers: units, scaling, orientation, contradictions, values that are not finite."""
 
-import gzip
 import struct
 
 import numpy as np
@@ -108,11 +107,3 @@ def test_a_rounded_matrix_is_made_orthonormal(tmp_path):
     found = burrlab.read_volume(path).direction
     np.testing.assert_allclose(found.T @ found, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(np.diag([-1, -1, 1]) @ found, rounded, atol=1e-4)
-
-
-def test_a_damaged_gzip_is_an_error(tmp_path):
-    packed = bytearray(gzip.compress(written(tmp_path / "v.nii").read_bytes()))
-    packed[len(packed) // 2] ^= 0xFF
-    (tmp_path / "v.nii.gz").write_bytes(packed)
-    with pytest.raises(ValueError, match="cut short or damaged"):
-        burrlab.read_volume(tmp_path / "v.nii.gz")

@@ -39,38 +39,26 @@ from burrlab.common.check import amend_error, check_memory, first_bytes, refuse,
 from burrlab.common.files import new_file, write_synced
 from burrlab.common.progress import doing
 
-
-@dataclass(frozen=True)
-class Format:
-    """One kind of volume file.
-
-    Attributes
-    ----------
-    suffixes : tuple of str
-        Endings of the files that can be read.
-    read : callable
-        Returns the `Header` of a file, and the `Storage` of its values, from its name.
-    keeps_labels : bool
-        Whether the format has fields for names and colours of labels.
-    """
-
-    suffixes: tuple[str, ...]
-    read: Callable[[str], tuple[Header, Storage]]
-    keeps_labels: bool = False
-
-
-FORMATS = (
-    Format((".nrrd", ".nhdr"), nrrd_header, keeps_labels=True),
-    Format((".mha", ".mhd"), meta_header),
-    Format((".nii", ".nii.gz", ".hdr", ".img"), nifti_header),
-)
+#: What reads the header of a file, and where its values lie, from its name.
+HeaderReader = Callable[[str], tuple[Header, Storage]]
+#: Kinds of volume files, and the endings of the files that can be read.
+FORMATS: dict[HeaderReader, tuple[str, ...]] = {
+    nrrd_header: (".nrrd", ".nhdr"),
+    meta_header: (".mha", ".mhd"),
+    nifti_header: (".nii", ".nii.gz", ".hdr", ".img"),
+}
 #: Endings of the files that SimpleITK writes.
 ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
 
 
-def format_of(name: str) -> Format | None:
-    """Format that belongs to a file's ending; None if there is none."""
-    return next((file_format for file_format in FORMATS if name.lower().endswith(file_format.suffixes)), None)
+def header_reader(name: str) -> HeaderReader | None:
+    """What reads the header of files with this ending; None if nothing does."""
+    return next((read for read, endings in FORMATS.items() if name.lower().endswith(endings)), None)
+
+
+def keeps_labels(name: str) -> bool:
+    """Whether the format of a file's ending has fields for names and colours of labels."""
+    return header_reader(name) is nrrd_header
 
 
 #: A file, a folder of DICOM slices, or the files of the slices.
@@ -200,13 +188,13 @@ def _read(
 
 def _read_file(name: str, spacing: float | ArrayLike | None, most: int) -> tuple[Header, NDArray[Any]]:
     """Header and values of a file that is no DICOM."""
-    file_format = format_of(name)
-    if file_format is None:
+    read_header = header_reader(name)
+    if read_header is None:
         raise ValueError(
             f"{name}: cannot be read as a volume: it must be a folder of DICOM slices or end in one of "
-            f"{', '.join(suffix for known in FORMATS for suffix in known.suffixes)}"
+            f"{', '.join(ending for endings in FORMATS.values() for ending in endings)}"
         )
-    header, layout = file_format.read(name)
+    header, layout = read_header(name)
     if any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
         note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
         header = replace(header, notes=(*header.notes, note))
@@ -322,9 +310,8 @@ def write_volume(
     >>> folder.cleanup()
     """
     target = Path(path)
-    file_format = format_of(target.name)
     fields: Mapping[str, str] = {}
-    if file_format is not None and file_format.keeps_labels and isinstance(volume, LabelVolume):
+    if keeps_labels(target.name) and isinstance(volume, LabelVolume):
         fields = segment_fields(volume.labels, volume.names, volume.colours)
     with new_volume(target, volume, fields, compress=compress):
         pass

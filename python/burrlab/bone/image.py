@@ -497,9 +497,10 @@ class OccupancyMap:
     @property
     def text(self) -> str:
         """The map as text that `parse` reads."""
-        if self.occupancies == (0.0, 1.0):
-            return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
-        return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
+        table = zip(self.greys, self.occupancies, strict=True)
+        pairs = [self.greys] if self.occupancies == (0.0, 1.0) else table
+        # The shortest texts that read back as the same numbers.
+        return ",".join(":".join(repr(number).removesuffix(".0") for number in pair) for pair in pairs)
 
     def occupancy(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Occupancy of grey values, 0 to 1.
@@ -517,20 +518,19 @@ class OccupancyMap:
 
     def _each(self, values: NDArray[Any], kind: Any, store: Any) -> NDArray[Any]:
         values = np.asarray(values)
+        mapped = np.empty(values.shape, kind)
         if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:  # a look-up table is faster
             least = int(np.iinfo(values.dtype).min)
-            levels = store(self._linear(np.arange(least, np.iinfo(values.dtype).max + 1, dtype=np.float64)))
-            mapped = np.empty(values.shape, kind)
+            table = store(self._linear(np.arange(least, np.iinfo(values.dtype).max + 1, dtype=np.float64)))
             for out, part in zip(mapped, values, strict=True) if values.ndim == 3 else [(mapped, values)]:
-                out[...] = levels[part.astype(np.int32) - least]
+                out[...] = table[part.astype(np.int32) - least]
             return mapped
-        levels = np.empty(values.shape, dtype=kind)
-        flat, out = values.reshape(-1), levels.reshape(-1)
+        flat, out = values.reshape(-1), mapped.reshape(-1)
         for first in range(0, flat.size, 1 << 22):  # in parts: limits the memory of float64
             part = flat[first : first + (1 << 22)].astype(np.float64)
             refuse(not np.all(np.isfinite(part)), "values must be finite, got some that are not")
             out[first : first + part.size] = store(self._linear(part))
-        return levels
+        return mapped
 
     def _linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         # Written out instead of np.interp: the same operations in the same order make the same bone anywhere.
@@ -539,11 +539,6 @@ class OccupancyMap:
         low, high = greys[place], greys[place + 1]
         part = np.clip((values - low) / (high - low), 0.0, 1.0)
         return np.asarray(occupancies[place] + part * (occupancies[place + 1] - occupancies[place]))
-
-
-def _text(number: float) -> str:
-    """Shortest text that reads back as the same number."""
-    return repr(number).removesuffix(".0")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

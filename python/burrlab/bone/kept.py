@@ -34,7 +34,8 @@ from burrlab.bone.dicom import (
 from burrlab.bone.formats import (
     ENDINGS,
     ending_of,
-    format_of,
+    header_reader,
+    keeps_labels,
     new_volume,
     read_labels,
     read_volume,
@@ -227,15 +228,14 @@ def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice =
 
 def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     """Fields beyond the geometry in the original's file, if the new file has the same format."""
-    file_format = format_of(target.name)
-    assert file_format is not None  # `check_drilled` looks at the ending
     fields, whole = dict[str, str](), False
-    if file_format is format_of(like.path):
+    read_header = header_reader(like.path)
+    if read_header is not None and read_header is header_reader(target.name):
         with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
-            header, _ = file_format.read(like.path)
+            header, _ = read_header(like.path)
             fields = {key: text for key, text in header.fields.items() if text}
             whole = header.shape == like.shape and header.layers <= 1
-    if file_format.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
+    if keeps_labels(target.name) and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
         fields = {key: text for key, text in fields.items() if not key.startswith("Segment")}
         fields |= segment_fields(like.labels, like.names, like.colours)
     return fields

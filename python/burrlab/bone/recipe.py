@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Tissues, VoxelBone, pack_bone, unpack_bone
 from burrlab.bone.dicom import holds_dicom, is_dicom
-from burrlab.bone.formats import format_of, read_labels, read_volume
+from burrlab.bone.formats import header_reader, read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.image import (
     LabelVolume,
@@ -172,11 +172,11 @@ def _volume_files(path: str) -> list[str]:
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
         pattern = "*" if holds_dicom(path) else "**/*"
         return sorted(str(part) for part in Path(path).glob(pattern) if part.is_file())
-    file_format = format_of(path)
-    if file_format is None or is_dicom(path):
+    read_header = header_reader(path)
+    if read_header is None or is_dicom(path):
         return [path]
     pair = [path[:-4] + ".hdr"] if path.lower().endswith(".img") else []
-    return [path, *pair, *map(str, file_format.read(path)[1].files)]
+    return [path, *pair, *map(str, read_header(path)[1].files)]
 
 
 @functools.cache
@@ -251,9 +251,8 @@ def _mapping_of(points: Any) -> OccupancyMap:
 
 
 def _points_of(mapping: OccupancyMap) -> list[Any]:
-    if mapping.occupancies == (0.0, 1.0):
-        return list(mapping.greys)
-    return [list(pair) for pair in zip(mapping.greys, mapping.occupancies, strict=True)]
+    table = zip(mapping.greys, mapping.occupancies, strict=True)
+    return list(mapping.greys) if mapping.occupancies == (0.0, 1.0) else list(map(list, table))
 
 
 @dataclass(frozen=True)

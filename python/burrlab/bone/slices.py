@@ -272,7 +272,7 @@ class Palette:
             seen[colour] = name
             self.names[label], self.colours[label] = name, colour
         refuse(not self.colours, "palette must have a colour")
-        self.unknown, self._named = _checked_unknown(unknown, {0: "", **self.names})
+        self.unknown, self._guessed = _checked_unknown(unknown, {0: "", **self.names})
         self._ranked = {} if ranking is None else self._by_rank(ranking)
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
@@ -293,7 +293,6 @@ class Palette:
         self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
         self._strange: Counter[int] = Counter()
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
-        self._guessed = dict.fromkeys(self._named, 0)
         self._spared: Counter[int] = Counter()
         self._sums: dict[int, _Sums] = {}  # by the number of colours, made at the first such alpha
         self._overlaps: dict[int, Counter[int]] = {count: Counter() for count in _SUMMED}
@@ -393,11 +392,11 @@ class Palette:
             return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
         assigned = self._nearest(kinds, list(self.colours))[0]
         if self._ranked:
-            spared = np.isin(assigned, list(self._spare - set(self._named)))
+            spared = np.isin(assigned, list(self._spare - self._guessed.keys()))
             for label, count in zip(assigned[spared].tolist(), counts[spared].tolist(), strict=True):
                 self._spared[label] += count
             assigned[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
-        for label in self._named:
+        for label in self._guessed:
             self._guessed[label] += int(counts[assigned == label].sum())
         return np.asarray(assigned[inverse])
 
@@ -460,8 +459,8 @@ def _colour(name: str, triple: Any) -> Colour:
     return red, green, blue
 
 
-def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
-    """`unknown` as a word or label, and the labels that it names."""
+def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, dict[int, int]]:
+    """`unknown` as a word or label, and counts, from 0, of guesses of the labels that it names."""
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
         wanted = {_known(name)[0] for name in unknown[len("nearest:") :].split(",")}
         requested = [label for label, name in names.items() if label and _known(name)[0] in wanted]
@@ -470,13 +469,13 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
             f"unknown='nearest:NAME' must name structures of the palette, {', '.join(filter(None, names.values()))}, "
             f"got {unknown!r}",
         )
-        return "nearest", requested
+        return "nearest", dict.fromkeys(requested, 0)
     refuse(
         unknown not in ("refuse", "nearest") and (isinstance(unknown, (str, bool)) or unknown not in names),
         "unknown must be 'refuse', 'nearest' or a label of the palette "
         f"({', '.join(map(str, sorted(names)))}), got {unknown!r}",
     )
-    return unknown, []
+    return unknown, {}
 
 
 #: Least and largest plausible side of a head or a part of one [mm] (ours).
@@ -567,7 +566,7 @@ def _content(name: str) -> Any:
         content = file.read(_LONGEST + 1)
     refuse(len(content) > _LONGEST, f"{name}: a description must have at most {_LONGEST} bytes")
 
-    class BoundedLoader(yaml.SafeLoader):  # type: ignore[misc]
+    class BoundedLoader(yaml.SafeLoader):  # type: ignore[name-defined, misc]
         def flatten_mapping(self, node: Any) -> None:
             super().flatten_mapping(node)
             if len(node.value) > _LONGEST:

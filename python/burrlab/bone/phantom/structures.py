@@ -92,7 +92,6 @@ class Structures:
         )
         nerve_points[-3:] += np.array([jitter(0.3), jitter(0.6), 0.0])
         nerve = Tube.along(nerve_points + inner, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
-        back = np.array([jitter(0.7), 1.0 + jitter(1.5), 0.0])
         sinus_points = np.array(
             [
                 [9.5, 46.0, 9.0],
@@ -105,7 +104,9 @@ class Structures:
                 [26.0, 5.0, -18.0],
             ]
         )
-        sinus = Tube.along(sinus_points + back, SINUS + jitter(0.4), step=2.0)
+        sinus = Tube.along(
+            sinus_points + [jitter(0.7), 1.0 + jitter(1.5), 0.0], SINUS + jitter(0.4), step=2.0
+        )
         canals, vestibule = _labyrinth(inner)
 
         antrum = (

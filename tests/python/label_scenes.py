@@ -7,8 +7,7 @@ from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
 from burrlab import LabelVolume, OccupancyMap, Volume, VoxelBone, write_volume
-from burrlab.anatomy import labelled_bone
-from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, write_tissues
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, labelled_bone, write_tissues
 
 MAP = OccupancyMap.two_point(0, 1000)
 SPACING = (0.25, 0.25, 0.25)

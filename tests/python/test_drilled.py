@@ -117,24 +117,25 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
     if name == "b":
         volume = read_stack(stack(tmp_path / "s", greys("u2")), spacing=(0.3, 0.4, 0.5))
     old, new = volume.to_bone(MAP), drilled(volume)
-    path, left, calls = tmp_path / name, [0], [0]
+    path, last, calls = tmp_path / name, [0], [0]
 
     def dying(real: Any) -> Any:
         def call(*arguments: Any, **options: Any) -> Any:
             calls[0] += 1
-            left[0] -= 1
-            if left[0] == 0:
+            if calls[0] == last[0]:
                 raise Dies
-            return real(*arguments, **options) if left[0] > 0 else None  # a dead process does nothing
+            return real(*arguments, **options) if calls[0] < last[0] else None  # a dead process does nothing
 
         return call
 
     def run(at: int) -> None:
-        left[0], calls[0] = at, 0
+        last[0], calls[0] = at, 0
         with monkeypatch.context() as patch:
             for module, what in ((os, "fsync"), (os, "rename"), (os, "replace"), (os, "unlink")):
                 patch.setattr(module, what, dying(getattr(module, what)))
-            patch.setattr("shutil.rmtree", lambda *a, **k: None if left[0] <= 0 else real_rmtree(*a, **k))
+            patch.setattr(
+                "shutil.rmtree", lambda *a, **k: None if calls[0] >= last[0] else real_rmtree(*a, **k)
+            )
             save_drilled(path, new, volume, mapping=MAP)
 
     real_rmtree = shutil.rmtree

@@ -22,9 +22,8 @@ from burrlab import (
 )
 from burrlab.bone.formats import header_reader, read_labels, read_volume, write_volume
 from burrlab.bone.kept import DrilledVolume, load_drilled, save_drilled
-from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, make_bone
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
-from burrlab.session.network import make_bone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

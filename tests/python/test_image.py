@@ -7,9 +7,8 @@ from volume_scenes import TURNED
 
 import burrlab
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, make_bone
 from burrlab.bone.tissues import default_tissues
-from burrlab.session.network import make_bone
 
 UNIT = OccupancyMap.two_point(0, 1)
 

@@ -15,8 +15,7 @@ from test_stack import wrapped
 from burrlab import Burr, ScriptedDevice, materials, read_labels, read_volume
 from burrlab.anatomy import Watch, default_tissues
 from burrlab.bone.kept import save_drilled
-from burrlab.bone.recipe import WORTH_SMOOTHED, LabelledRecipe, VolumeRecipe
-from burrlab.session.network import make_bone
+from burrlab.bone.recipe import WORTH_SMOOTHED, LabelledRecipe, VolumeRecipe, make_bone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

@@ -11,8 +11,17 @@ import numpy as np
 import pytest
 from session_scenes import file_size_limit, refused
 
-from burrlab import OccupancyMap, read_labels, read_volume, write_volume
-from burrlab.volume import LabelVolume, Volume, same_geometry, save_drilled, write_dicom
+from burrlab.volume import (
+    LabelVolume,
+    OccupancyMap,
+    Volume,
+    read_labels,
+    read_volume,
+    same_geometry,
+    save_drilled,
+    write_dicom,
+    write_volume,
+)
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")

@@ -26,11 +26,10 @@ from burrlab import (
     session_metrics,
     write_volume,
 )
-from burrlab.bone.recipe import VolumeRecipe, cut_block
+from burrlab.bone.recipe import VolumeRecipe, cut_block, make_bone, volume_recipe
 from burrlab.bone.specimen import Border
 from burrlab.cli import main
 from burrlab.psychophysics.protocol import Protocol
-from burrlab.session.network import make_bone, volume_recipe
 from burrlab.volume import load_drilled, save_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")

@@ -3,6 +3,7 @@
 import contextlib
 import gzip
 import itertools
+import locale
 import math
 import os
 import re
@@ -23,7 +24,6 @@ from burrlab.bone.header import (
     LPS_ASSUMED,
     Header,
     Storage,
-    decimal_points,
     itk_image,
     medical,
     meta_header,
@@ -375,8 +375,12 @@ def _head(
 ) -> bytes:
     """What stands before the values: as ITK writes it for few voxels, with the volume's sizes."""
     image = itk_image(np.zeros((2, 2, 2), kind), volume, volume.origin, fields)
-    with decimal_points():
+    before = locale.setlocale(locale.LC_NUMERIC)
+    locale.setlocale(locale.LC_NUMERIC, "C")  # NRRD headers are written by the system's printf
+    try:
         medical("SimpleITK", "writing volumes").WriteImage(image, str(part), useCompression=packed)
+    finally:
+        locale.setlocale(locale.LC_NUMERIC, before)
     content, sizes = part.read_bytes(), volume.shape[::-1]
     if part.name.endswith((".nii", ".nii.gz")):
         head = (gzip.decompress(content) if packed else content)[: -8 * kind.itemsize]

@@ -4,15 +4,13 @@ NRRD follows teem.sourceforge.net/nrrd/format.html, MetaImage itk.org/Wiki/ITK/M
 nifti2.h.
 """
 
-import contextlib
 import gzip
 import json
-import locale
 import math
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -116,17 +114,6 @@ def plain_name(name: str) -> str:
 def medical(module: str, what: str, usual_name: str = "") -> Any:
     """A library of the extra `medical`; ImportError if it is not installed."""
     return extra(module, what, "medical", usual_name)
-
-
-@contextlib.contextmanager
-def decimal_points() -> Iterator[None]:
-    """Numbers with points in this process, whatever its locale: NRRD headers are written by the system's printf."""
-    before = locale.setlocale(locale.LC_NUMERIC)
-    locale.setlocale(locale.LC_NUMERIC, "C")
-    try:
-        yield
-    finally:
-        locale.setlocale(locale.LC_NUMERIC, before)
 
 
 def itk_image(

@@ -1,7 +1,6 @@
 """Recipes of a bone from a block, a volume, labels or a half-drilled file, in memory and as JSON."""
 
 import contextlib
-import functools
 import hashlib
 import math
 import os
@@ -10,7 +9,7 @@ import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast
 
@@ -179,7 +178,7 @@ def _volume_files(path: str) -> list[str]:
     return [path, *pair, *map(str, read_header(path)[1].files)]
 
 
-@functools.cache
+@cache
 def _code() -> tuple[str, str]:
     """Version of burrlab, and a digest of the code that reads volumes and makes bones."""
     digest = hashlib.sha256()
@@ -774,7 +773,7 @@ class BlockRecipe(BoneRecipe):
     size: Sequence[float] = field(metadata=_key("size_mm", _triple))
     voxel: float = field(metadata=_key("voxel_mm", float))
     origin: Sequence[float] = field(metadata=_key("origin_mm", _triple))
-    level: int = field(metadata=_key("level", functools.partial(whole_number, most=255)))
+    level: int = field(metadata=_key("level", partial(whole_number, most=255)))
 
     def bone(self) -> VoxelBone:
         """The bone; ValueError if a length is not positive or the block is too large."""

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 import burrlab.common.table as table
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
@@ -764,7 +763,7 @@ def _grow(owner: NDArray[np.uint8]) -> None:
 def _gaussian(deviation: float) -> NDArray[np.float64]:
     """Weights of a Gaussian as whole numbers with the sum 256; its standard deviation is in voxels."""
     edges = np.arange(-np.ceil(4 * deviation), np.ceil(4 * deviation) + 2) - 0.5
-    return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
+    return np.asarray(np.trim_zeros(np.diff(np.rint(256 * scipy.special.ndtr(edges / deviation)))))
 
 
 def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uint8], list[str]]:

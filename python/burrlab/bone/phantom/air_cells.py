@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from burrlab.bone.phantom.shapes import FAR, Floats, Grid, Singles
 from burrlab.bone.uneven import unit_draws
@@ -73,7 +72,9 @@ class AirCells:
         sigma = math.log(self.geometric_deviation)
         most = int(2 * volume / (math.pi / 6 * self.median_diameter**3 * math.exp(4.5 * sigma**2))) + 100
         # Rounded: the last bit of exp differs between processors.
-        diameter = np.round(self.median_diameter * np.exp(sigma * special.ndtri(uniform(seed, 0, most))), 6)
+        diameter = np.round(
+            self.median_diameter * np.exp(sigma * scipy.special.ndtri(uniform(seed, 0, most))), 6
+        )
         count = int(np.searchsorted(np.cumsum(math.pi / 6 * diameter**3), volume))
         return np.sort(diameter[: max(1, count)])[::-1]
 

@@ -129,20 +129,19 @@ class _Plan:
     cuts: Mask  # where the centre may be and the burr reaches planned bone
     spacing: Floats  # (x, y, z)
     origin: Floats
-    sign: float
+    sign: int
     first: float  # x at which the planned cavity begins
     deepest: float
     radius: float
 
     @classmethod
     def of(cls, phantom: Phantom, radius: float) -> "_Plan":
-        sign = 1.0 if phantom.side == "right" else -1.0
-        order = slice(None, None, int(sign))
+        sign = 1 if phantom.side == "right" else -1
         spacing = np.array(phantom.bone.spacing)
         thin = [max(1, int(COARSE * radius / s)) for s in spacing]
         every = tuple(slice(n // 2, None, n) for n in thin[::-1])
-        target = phantom.target[:, :, order][every]
-        bone = np.asarray(phantom.bone.pristine > 0)[:, :, order][every]
+        target = phantom.target[:, :, ::sign][every]
+        bone = np.asarray(phantom.bone.pristine > 0)[:, :, ::sign][every]
         start = np.array(phantom.bone.origin)
         if sign < 0:
             start[0] = -(start[0] + spacing[0] * (phantom.bone.shape[2] - 1))

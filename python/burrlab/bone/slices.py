@@ -836,6 +836,4 @@ def stack_slices(path: str) -> SliceFiles | None:
         described = read_description(path, unit=1.0)
         return find_slices(described.folder, prefix=described.prefix)
     pattern = any(sign in path for sign in "*?[") and not Path(path).exists()
-    if pattern or (Path(path).is_dir() and is_stack(path)):
-        return find_slices(path)
-    return None
+    return find_slices(path) if pattern or (Path(path).is_dir() and is_stack(path)) else None

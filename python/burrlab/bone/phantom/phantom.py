@@ -208,24 +208,22 @@ def temporal_bone(
     refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
     at = Structures.of(seed)
     cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
-    mirrored = side == "left"
-    painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
+    way = -1 if side == "left" else 1  # of x in the frame of a right ear
+    painted = Grid(way * grid.x[::way], grid.y, grid.z)
     fields = Fields.of(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # along a normal, root mean square over directions
     levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
     target = np.empty(grid.shape, dtype=np.bool_)
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
-    order = slice(None, None, -1 if mirrored else 1)
     for begin in range(0, grid.shape[0], layers):
         rows = slice(begin, begin + layers)
         slab = paint(at, fields, cells, Grid(painted.x, painted.y, painted.z[rows]), air_cells.wall, width)
         for whole, painted_part in zip((levels, numbers, target), slab, strict=True):
-            whole[rows] = painted_part[:, :, order]
+            whole[rows] = painted_part[:, :, ::way]
         report(min(1.0, (begin + layers) / grid.shape[0]))
     bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
     bone.set_tissues(phantom_tissues(material), numbers)
-    flip = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    landmarks = {name: np.round(point * flip, 6) for name, point in at.landmarks.items()}
+    landmarks = {name: np.round(point * [way, 1, 1], 6) for name, point in at.landmarks.items()}
     entry = landmarks["entry"]
     axis = (landmarks["antrum"] - entry) / np.linalg.norm(landmarks["antrum"] - entry)
     return Phantom(bone, target, landmarks, entry, axis, cells, seed, side)

@@ -135,8 +135,9 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     fitted = item.evidence.likelihood(plain, point)
     told = {x.quantity: x.values for x in item.evidence.effects if x.deviation is None}
     redrawn = _redrawn_levels(item, random) if item.group else redrawn_effects(o, fitted, point, told, random)
-    components = [component.of_rows(redrawn) for component in fitted.components]
-    again, domain, end = fitted_again(plain.of_rows(redrawn), components, point)
+    again, domain, end = fitted_again(
+        plain.of_rows(redrawn), [component.of_rows(redrawn) for component in fitted.components], point
+    )
     places = minima(again, domain)
     return places[0].point if places else end
 
@@ -252,8 +253,9 @@ class Bootstrap:
             values, intervals[name] = np.sort(getattr(self, name)), ByLevel()
             for level, p in LEVELS.items():
                 places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
-                ends = (float(end) if np.isfinite(end) else None for end in values[places])
-                intervals[name][level] = Interval(*ends)
+                intervals[name][level] = Interval(
+                    *(float(end) if np.isfinite(end) else None for end in values[places])
+                )
         return intervals
 
     @property
@@ -365,8 +367,7 @@ def bootstrap(
             for k in range(n)
         ], executor, store, progress)  # fmt: skip
     else:
-        low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
-        box = Box((low[0], low[1]), (high[0], high[1]))
+        box = Box(*zip(fit.bounds["c_e"], fit.bounds["alpha"], strict=True))
         scatters = tuple(
             (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
         )
@@ -377,11 +378,11 @@ def bootstrap(
             )
             for k in range(n)
         ], executor, store, progress)  # fmt: skip
-    combination = ends[:, 1] / ends[:, 0] ** exponent
+
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     endless = not len(o.pressed) and np.isinf(o.ceiling)
     # data that close c_e's interval tell c_e beyond the ridge's beginning, where v is a power law but for some per cent
     entry = float(o.ridge_entries().max()) * (BEYOND if evidence.ridge.excluded else 1.0)
     on_ridge = ends[:, 0] > (entry if endless else np.inf)
     c_e, alpha = (np.where(on_ridge, np.inf, column) for column in ends.T)
-    return Bootstrap(c_e, alpha, combination, exponent, kind, seed)
+    return Bootstrap(c_e, alpha, ends[:, 1] / ends[:, 0] ** exponent, exponent, kind, seed)

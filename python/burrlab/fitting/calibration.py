@@ -139,18 +139,18 @@ class Calibration:
     @property
     def joint_freedom(self) -> tuple[float, ...]:
         """Of the test of both parameters: two, and a denominator where one scatter is estimated."""
-        one = len(self.scatters) == 1 and not self.scatters[0].known
-        return (2.0, float(self.scatters[0].n - 2)) if one else (2.0,)
+        first, *others = self.scatters
+        return (2.0,) if others or first.known else (2.0, float(first.n - 2))
 
     def _joint_inflation(self) -> float:
         """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, as in the F limit."""
-        mean = 0.0
-        for s in self.scatters:
-            freedom = max(s.n - s.parameters, 0.5)
-            mean += (
-                s.parameters if s.known else s.n * float(np.diff(special.digamma([freedom / 2, s.n / 2]))[0])
-            )
-        return mean / 2
+        means = [
+            s.parameters
+            if s.known
+            else s.n * float(np.diff(special.digamma([max(s.n - s.parameters, 0.5) / 2, s.n / 2]))[0])
+            for s in self.scatters
+        ]
+        return sum(means) / 2
 
     def _weights(self, direction: Floats | None) -> Floats:
         if len(self.scatters) == 1:
@@ -194,7 +194,6 @@ class MixedCalibration:
         which the squared limit is the sum of the parts' own (Banerjee, Ann. Inst. Stat. Math. 12, 1961).
         """
         change = np.einsum("i,kij,j->k", direction, self.changes, direction) + weights
-        spread = float(change @ self.of_variances @ change)
         variance = float(direction @ self.covariance @ direction) + added
         if self.variances is not None:
             L = np.linalg.cholesky(self.of_variances)
@@ -203,7 +202,8 @@ class MixedCalibration:
             if (parts >= -1e-9).all():
                 limits = special.fdtri(1, np.maximum(2 * sizes**2, 1.0), 0.95)
                 return _freedom_at(1, float(parts @ limits + (1 - parts.sum()) * special.chdtri(1, 0.05)))
-        return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, _KNOWN))
+        spread = max(float(change @ self.of_variances @ change), 1e-300)
+        return float(np.clip(2 * variance**2 / spread, 1.0, _KNOWN))
 
     @property
     def bias(self) -> float:
@@ -214,8 +214,10 @@ class MixedCalibration:
     def freedom_of_sum(self) -> float:
         """nu at which F with 2 and nu has the limit of two squares of t: of the direction that knows least, and across."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
-        freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
+        freedoms = [
+            self.freedom(np.array([np.cos(x), np.sin(x)]) @ root)
+            for x in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+        ]
         least = int(np.argmin(freedoms))
         return _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
 
@@ -276,18 +278,17 @@ class MixedCalibration:
         variance = (1 + c1 * B) / ((1 - c2 * B) ** 2 * (1 - c3 * B))
         ratio = variance / (2 * mean**2)
         # their expansion fails where one direction has few degrees of freedom: there rises of two directions add up
-        if self.variances is None:
-            apart = min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
-        else:
-            apart = self.freedom_of_sum
+        apart = (
+            min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
+            if self.variances is None
+            else self.freedom_of_sum
+        )
         if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
             return apart, bias
         freedom = 4 + 4 / (2 * ratio - 1)
         smaller = mean * (freedom - 2) / freedom
         larger = smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95)
-        if larger and self.variances is not None:
-            return apart, bias
-        return freedom, bias * smaller
+        return (apart, bias) if larger and self.variances is not None else (freedom, bias * smaller)
 
 
 def _freedom_of_sum(a: float, b: float) -> float:

@@ -282,7 +282,7 @@ def fit(
         status=status,
         reason=reason,
         starts=searches,
-        bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
+        bounds=dict(zip(("c_e", "alpha"), zip(box.lower, box.upper, strict=True), strict=True)),
         given_bounds=given_bounds,
         evidence=evidence,
         lack_of_fit=lack,
@@ -332,9 +332,10 @@ def _apart(share: Sequence[str], sets: Sequence[Data]) -> tuple[str, ...]:
         apart and len(of_own) < 2,
         f"share={tuple(share)} is for two data sets or more that tell {' and '.join(apart)}: got {len(of_own)}",
     )
-    over = any(isinstance(x, VelocityCurve) and "overloaded" in (x.status or ()) for x in sets)
     refuse(
-        over and "c_e" in apart, "overloaded runs bound one c_e: leave them out where data sets have one each"
+        "c_e" in apart
+        and any(isinstance(x, VelocityCurve) and "overloaded" in (x.status or ()) for x in sets),
+        "overloaded runs bound one c_e: leave them out where data sets have one each",
     )
     return apart
 
@@ -344,10 +345,11 @@ def _box(likelihood: Likelihood, bounds: Bounds) -> Box:
     box = bounds_of(likelihood.observations, bounds)
     if "alpha" in bounds:
         return box
-    decade = np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)
-    alphas = likelihood.at(decade).best_alpha
-    low, high = min(box.lower[1], float(alphas.min()) / 3), max(box.upper[1], 3 * float(alphas.max()))
-    return Box((box.lower[0], low), (box.upper[0], high))
+    alphas = likelihood.at(np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)).best_alpha
+    return Box(
+        (box.lower[0], min(box.lower[1], float(alphas.min()) / 3)),
+        (box.upper[0], max(box.upper[1], 3 * float(alphas.max()))),
+    )
 
 
 def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
@@ -439,8 +441,9 @@ def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs
             numbers.shape not in ((1,), (2,)) or not ((numbers > 0) & (numbers < np.inf)).all(),
             f"known {name} must be a value, or a value and its standard deviation, above 0: got {shown(pair)}",
         )
-        deviation = numbers[1] / numbers[0] if len(numbers) == 2 else _EXACT
-        beliefs.append((name, float(numbers[0]), float(deviation)))
+        beliefs.append(
+            (name, float(numbers[0]), float(numbers[1] / numbers[0]) if len(numbers) == 2 else _EXACT)
+        )
     return tuple(beliefs)
 
 
@@ -457,8 +460,10 @@ def _check_ranges(name: str, ranges: Bounds | None) -> None:
             f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{nearest(key, PLAUSIBLE)}",
         )
         ends = real(pair, f"{name} of {key}")
-        if ends.shape != (2,) or not 0 < ends[0] < ends[1] < np.inf:
-            raise ValueError(f"{name} of {key} must be two finite numbers 0 < low < high: got {shown(pair)}")
+        refuse(
+            ends.shape != (2,) or not 0 < ends[0] < ends[1] < np.inf,
+            f"{name} of {key} must be two finite numbers 0 < low < high: got {shown(pair)}",
+        )
 
 
 def _searched(
@@ -582,8 +587,9 @@ def _weighed(
     calibration = likelihood.calibration(*best)
     profiled = profile(likelihood, calibration, domain, best, exponent)
     if table is not None:
-        is_open = profiled.intervals["c_e"]["95"].upper is None
-        monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
+        monte_carlo = monte_carlo_share(
+            likelihood, shape, table, best, profiled.intervals["c_e"]["95"].upper is None
+        )
         calibration = replace(calibration, monte_carlo=monte_carlo)
         profiled = profile(likelihood, calibration, domain, best, exponent)
     known = belief_tests(likelihood)
@@ -591,13 +597,14 @@ def _weighed(
     if fits.inflation > 1:
         unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
         profiled = profile(likelihood, calibration, domain, best, exponent)
-    intervals, better, likely = profiled.intervals, None, None
+    intervals, better = profiled.intervals, None
     if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
         lowest = int(np.argmin(profiled.c_e_rise))
         better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
-    if plausible is not None:
-        guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
-        likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
+    likely = None if plausible is None else plausibility(
+        likelihood, shape, calibration, profiled.base, best, plausible,
+        not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max()))),
+    )  # fmt: skip
     rows = influence(likelihood, best, data, bounds, every=False)
     mixed = MixedEvidence.of(likelihood, best) if isinstance(likelihood, MixedLikelihood) else None
     evidence = Evidence(

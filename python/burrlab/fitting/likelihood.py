@@ -9,8 +9,8 @@ Three kinds of rows scatter independently of one another:
 A scatter is estimated, unless sigma is given: -2 log L is taken at the best scatters.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -64,8 +64,10 @@ class MeanFieldModel:
         #: index of each row's prediction in `log_predictions`; equal rows share one
         self.prediction: Rows = np.empty(self._n, np.intp)
         n_groups = 0
-        scale = PER_SECOND * observations.radius * observations.rate_factor  # v over Psi, at alpha = 1
-        both = np.stack([observations.force / observations.radius**2, scale])
+        # F/R^2, and v over Psi at alpha = 1
+        both = np.stack([
+            observations.force / observations.radius**2, PER_SECOND * observations.radius * observations.rate_factor
+        ])  # fmt: skip
         for (start, end), rows in observations.by_window().items():
             (pressure, scales), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
             self._groups.append((start, end, pressure, scales, rows, inverse))
@@ -99,8 +101,9 @@ class MeanFieldModel:
         velocities = np.empty((self._n, stiffness.size))
         for start, end, pressure, scales, rows, inverse in self._groups:
             phi = self.law.master_phi(pressure[:, None] / stiffness.ravel())
-            ratio = self._curve.velocity_ratio(phi, start, end)
-            velocities[rows] = function(scales[:, None] * ratio)[inverse]
+            velocities[rows] = function(scales[:, None] * self._curve.velocity_ratio(phi, start, end))[
+                inverse
+            ]
         return velocities.T.reshape(*stiffness.shape, self._n)
 
 
@@ -120,6 +123,23 @@ class LinearRows:
     r: Floats
     n: int  # independent rows: K - 1 of a run of K segments
     at: Rows  # the velocity row (of a run its first) or pressed row that each comes from; empty for beliefs
+
+
+def minus2_of(S: ArrayLike, n: int, known: bool) -> Floats:
+    """-2 log L of n rows with a sum of squares S, at the best scatter unless sigma is known."""
+    return np.asarray(S if known else n * np.log(np.divide(S, n) + MODEL_ERROR**2))
+
+
+def runs_of(o: Observations) -> tuple[Rows, list[Rows]]:
+    """The curves' rows, and the rows of each run of a trace."""
+    runs = range(int(o.run.max(initial=-1)) + 1)
+    return np.flatnonzero(o.run < 0), [np.flatnonzero(o.run == k) for k in runs]
+
+
+def means_of_runs(rows: Floats, single: Rows, runs: Sequence[Rows]) -> Floats:
+    """The curves' rows, then the mean of each run; last axis."""
+    means = [rows[..., at].mean(axis=-1, keepdims=True) for at in runs]
+    return np.concatenate([rows[..., single], *means], axis=-1)
 
 
 class Likelihood:
@@ -160,9 +180,7 @@ class Likelihood:
         beliefs: Beliefs = (),
     ) -> None:
         self.observations, self.kind, self.model, self.beliefs = observations, kind, model, beliefs
-        run = observations.run
-        self._single = np.flatnonzero(run < 0)
-        self._runs = [np.flatnonzero(run == i) for i in range(int(run.max(initial=-1)) + 1)]
+        self._single, self._runs = runs_of(observations)
         refuse(
             self._runs and kind != "relative", f"residuals must be 'relative' with depth traces: got {kind!r}"
         )
@@ -186,17 +204,18 @@ class Likelihood:
         )
         self.known = kind in ("sigma", "log-sigma")
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
-        level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
+        level = float(np.mean(observations.velocity**2)) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
-        self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
+        self.floor = 0.0 if self.known else MODEL_ERROR**2 * level
         self._slow: tuple[MeanFieldModel, Floats] | None = None
         if observations.slow.size:
             refuse(
                 kind != "relative", f"residuals must be 'relative' with runs that were too slow: got {kind!r}"
             )
             assert isinstance(model, MeanFieldModel)  # `fit` refuses others
-            slow = observations.slow_rows()
-            self._slow = MeanFieldModel(slow, model.shape), np.log(slow.velocity)
+            force, limit, start, end, radius = observations.slow
+            slow = replace(observations, force=force, window_start=start, window_end=end, radius=radius)
+            self._slow = MeanFieldModel(slow, model.shape), np.log(limit)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
         if (
@@ -235,20 +254,19 @@ class Likelihood:
         width = float(np.log(stiffness[2] / stiffness[0]))
         # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
         doubling = np.log(2) if self.log else 1.0
-        twice = self.residuals(c_e, 2 * alpha)
+
         nowhere = np.empty(0, np.intp)
         places = {
             "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),
             "force": np.arange(len(self.observations.pressed)), "known": nowhere,
         }  # fmt: skip
-        slopes = (
-            np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
-            for (_, _, r, _), (_, _, r_twice, _) in zip(around, twice, strict=True)
-        )
         return [
-            LinearRows(name, known, J, r[1], n, places[name])
-            for (name, known, r, n), J in zip(around, slopes, strict=True)
-        ]
+            LinearRows(
+                name, known, np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1), r[1], n,
+                places[name],
+            )
+            for (name, known, r, n), (_, _, r_twice, _) in zip(around, self.residuals(c_e, 2 * alpha), strict=True)
+        ]  # fmt: skip
 
     def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
         """The same kind of likelihood of other rows, in the mean field unless with a model."""
@@ -293,9 +311,7 @@ class Likelihood:
             raw *= self.observations.velocity / self.observations.sigma
         if not self._runs:
             return np.asfortranarray(raw)  # as below: a sum over rows then adds one after another
-        raw = np.ascontiguousarray(raw)
-        means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
-        return np.concatenate([raw[..., self._single], *means], axis=-1)
+        return means_of_runs(np.ascontiguousarray(raw), self._single, self._runs)
 
     def within_residuals(self, unit: Floats) -> Floats:
         """Deviations of the segments from their run's mean, over `run_scatter`; independent of alpha."""
@@ -367,11 +383,10 @@ class Likelihood:
         total, n_pressed = np.zeros(len(stiffness)), len(self.observations.pressed)
         if self.n_within:
             within = self.within_residuals(self.model.unit(stiffness))
-            total += self._minus2(np.sum(within**2, axis=-1), self.n_within)
+            total += minus2_of(np.sum(within**2, axis=-1), self.n_within, False)
         if n_pressed:
             r = self.observations.pressed_residuals(stiffness, self.pressed_known)
-            S = np.sum(r**2, axis=-1)
-            total += S if self.pressed_known else self._minus2(S, n_pressed)
+            total += minus2_of(np.sum(r**2, axis=-1), n_pressed, self.pressed_known)
         return total
 
     def _of_shared(
@@ -389,10 +404,6 @@ class Likelihood:
             m = np.einsum("ij,j->i", r, weight * mean) / B
             r = mean - m[:, None] * r
         return squares + np.einsum("ij,ij,j->i", r, r, weight), B, m
-
-    @staticmethod
-    def _minus2(S: Floats, n: int) -> Floats:
-        return np.asarray(n * np.log(S / n + MODEL_ERROR**2))
 
     def objective(self, c_e: float, alpha: float) -> float:
         """The value that a search minimises: not negative, and rising with -2 log L.
@@ -414,9 +425,7 @@ class Likelihood:
             scattered = 0 if self.pressed_known else len(self.observations.pressed)
             return S + other - scattered * float(np.log(MODEL_ERROR**2))
         n = self.n + self.n_within + len(self.observations.pressed)
-        if n == self.n:
-            return S
-        return float(n * np.exp((self.n * np.log(S / self.n + self.floor) + other) / n))
+        return S if n == self.n else float(n * np.exp((self.n * np.log(S / self.n + self.floor) + other) / n))
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
         """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters and their shares.
@@ -444,8 +453,9 @@ class Likelihood:
 
     def score(self, c_e: float, alpha: float, variances: Mapping[str, float]) -> Floats:
         """Derivative of log L by (log c_e, log alpha) for given squared scatters, shape (2,)."""
-        tables = self.linear_rows(c_e, alpha)
-        return np.asarray(-sum(rows.J.T @ rows.r / variances[rows.name] for rows in tables))
+        return np.asarray(
+            -sum(rows.J.T @ rows.r / variances[rows.name] for rows in self.linear_rows(c_e, alpha))
+        )
 
     def _variance(self, rows: LinearRows) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""

@@ -120,8 +120,12 @@ def _levels_of(o: Observations, quantity: str) -> Group:
         sets = np.unique(o.sets.velocity) if quantity == "alpha" else np.arange(len(o.sets.levels))
         place = np.full(len(o.sets.levels), -1)
         place[sets] = np.arange(len(sets)) - 1
-        levels = tuple(o.sets.levels[k] for k in sets[1:])
-        return Group(o.sets.name, levels, place[o.sets.velocity], place[o.sets.pressed])
+        return Group(
+            o.sets.name,
+            tuple(o.sets.levels[k] for k in sets[1:]),
+            place[o.sets.velocity],
+            place[o.sets.pressed],
+        )
     return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
 
@@ -249,6 +253,13 @@ def _places(group: Group, rows: LinearRows) -> Floats:
     return table
 
 
+def slope_of(middle: Floats, up: Floats, down: Floats, step: Floats | float) -> Floats:
+    """The central difference over a step to either side; from one side where a window ends on the other."""
+    lost = ~np.isfinite(up) | ~np.isfinite(down)
+    change = np.where(np.isfinite(up), up, middle) - np.where(np.isfinite(down), down, middle)
+    return np.asarray(change / (step * np.where(lost, 1.0, 2.0)))
+
+
 class Slopes:
     """Derivatives of the residuals by an offset at any c_e, for each scatter, by central differences."""
 
@@ -287,12 +298,13 @@ class Slopes:
 
     def at(self, c_e: ArrayLike, residuals: Sequence[Floats]) -> list[Floats]:
         """Of each scatter, shape of c_e and (rows,); `residuals` are those at c_e and alpha = 1."""
-        slopes, (above, below) = [], (beside.residuals(c_e, 1.0) for beside in self.beside)
-        for r, step, (_, _, up, _), (_, _, down, _) in zip(residuals, self._steps, above, below, strict=True):
-            lost = ~np.isfinite(up) | ~np.isfinite(down)  # a window ends there: from one side
-            change = np.where(np.isfinite(up), up, r) - np.where(np.isfinite(down), down, r)
-            slopes.append(change / (step * np.where(lost, 1.0, 2.0)))
-        return slopes
+        above, below = (beside.residuals(c_e, 1.0) for beside in self.beside)
+        return [
+            slope_of(r, up, down, step)
+            for r, step, (_, _, up, _), (_, _, down, _) in zip(
+                residuals, self._steps, above, below, strict=True
+            )
+        ]
 
 
 class MixedEquations:
@@ -350,8 +362,11 @@ class MixedEquations:
 
     def criterion(self, restricted: bool = True) -> float:
         """-2 log of the restricted likelihood, or of the likelihood, without constants."""
-        determinant = self.log_determinant if restricted else self.log_determinant_random
-        return float(self.model.n @ np.log(self.scatter2)) + determinant + self.squares
+        return (
+            float(self.model.n @ np.log(self.scatter2))
+            + (self.log_determinant if restricted else self.log_determinant_random)
+            + self.squares
+        )
 
     @cached_property
     def WPW(self) -> Floats:

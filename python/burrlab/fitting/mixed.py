@@ -91,8 +91,11 @@ def at_best_variances(
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
                 (unit, *ends), u = reach[component.quantity], shifts[block]
                 u = u + part * (-equations.solution[block] - u)
-                rounded = np.clip(unit * np.round(u / unit), *ends)
-                beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, rounded, shifts[block])
+                beside[block] = np.where(
+                    np.abs(u - shifts[block]) > 0.75 * unit,
+                    np.clip(unit * np.round(u / unit), *ends),
+                    shifts[block],
+                )
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
             hard = float(moved.observations.c_e_bounds().max())
@@ -160,8 +163,9 @@ class MixtureSlices(CurvedSlices):
 
     def _beyond(self, target: float, points: Rows) -> Floats:
         """See `CurvedSlices`: where no part is below."""
-        room = target + 2 * np.log(self.A.shape[1]) - self.A[points]
-        return np.asarray(np.sqrt(np.maximum(room, 0.0) / self.B[points]))
+        return np.asarray(
+            np.sqrt(np.maximum(target + 2 * np.log(self.A.shape[1]) - self.A[points], 0.0) / self.B[points])
+        )
 
     def _slope(self, g: Floats) -> tuple[Floats, Floats, Floats]:
         """Half the slope of -2 log L by log alpha, half its curvature, and that without the parts' differences."""
@@ -212,18 +216,18 @@ class MixedLikelihood(Likelihood):
         self.components, self.point, self.shifts, self.plain = tuple(components), point, shifts, plain
         model = LinearModel(plain, components, point, shifts)
         self.linear, self.equations = model, MixedEquations(model, scatter2, effect2)
-        for component, block in zip(self.components, model.blocks, strict=True):
-            if component.sought and component.quantity == "alpha":
-                self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
-        variance = self.equations.variance[:-2]
         #: which effects are c_e of specimens, and by how much ln c_e of one falls at the fit where that of all rises
         self._of_specimen, self._follow = np.zeros(len(shifts), np.bool_), 0.0
         for component, block in zip(self.components, model.blocks, strict=True):
+            if component.sought and component.quantity == "alpha":
+                self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
             if component.random_c_e and shifts[block].any():
                 kept = np.delete(np.arange(len(self.equations.c)), -2)
                 falls = (self.equations.inverse(kept)[0] @ self.equations.C[kept, -2])[block]
                 self._of_specimen[block], self._follow = True, float(np.clip(falls.max(), 0.0, _FOLLOW))
-        self._whole = _Part(plain, model.slopes, shifts, variance, np.eye(len(shifts)), 0.0, shifts)
+        self._whole = _Part(
+            plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts
+        )
         self._parts = self._nodes(plain, model) or [self._whole]
         if len(self._parts) > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
@@ -408,9 +412,13 @@ class MixedLikelihood(Likelihood):
     def of_rows(self, observations: Observations, model: Model | None = None) -> Likelihood:
         """See `Likelihood`; at the same variances and offsets."""
         plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
-        components = [component.of_rows(observations) for component in self.components]
         return MixedLikelihood(
-            plain, components, self.point, self.shifts, self.equations.scatter2, self.equations.effect2
+            plain,
+            [component.of_rows(observations) for component in self.components],
+            self.point,
+            self.shifts,
+            self.equations.scatter2,
+            self.equations.effect2,
         )
 
     def about(self, point: tuple[float, float]) -> "MixedLikelihood":
@@ -449,23 +457,28 @@ class MixedLikelihood(Likelihood):
         rises = []
         for name, value, deviation in self.beliefs:
             rows = moved_by(self.plain, self.components, -self.shifts)
-            others = tuple(other for other in self.beliefs if other[0] != name)
-            model = MeanFieldModel(rows.observations, self.model.shape)
-            alone = Likelihood(rows.observations, self.kind, model, others)
+            alone = Likelihood(
+                rows.observations,
+                self.kind,
+                MeanFieldModel(rows.observations, self.model.shape),
+                tuple(other for other in self.beliefs if other[0] != name),
+            )
             hard = float(rows.observations.c_e_bounds().max())
             ends = (hard * (1 + EDGE), hard * C_E_RANGE)
             near = value * np.exp(deviation * np.linspace(-6, 6, 121))
             places = np.geomspace(*ends, 400)
             first = alone.at(places)
             lowest = int(np.nanargmin(first.profile))
-            begin = float(places[lowest]), float(first.best_alpha[lowest])
-            fitted, point = at_best_variances(alone, self.components, begin, ends)
+            fitted, point = at_best_variances(
+                alone, self.components, (float(places[lowest]), float(first.best_alpha[lowest])), ends
+            )
             places = np.unique(np.clip([*places, *(near if name == "c_e" else ()), point[0]], *ends))
-            slices, doubt = fitted.at(places), np.square(np.linspace(-6, 6, 121))
-            if name == "c_e":
-                believed = slices.profile + np.square(np.log(places / value) / deviation)
-            else:
-                believed = slices.minus2_table(near) + doubt[:, None]
+            slices = fitted.at(places)
+            believed = (
+                slices.profile + np.square(np.log(places / value) / deviation)
+                if name == "c_e"
+                else slices.minus2_table(near) + np.square(np.linspace(-6, 6, 121))[:, None]
+            )
             freedom = fitted.equations.uncertainty().freedom(
                 np.eye(2)[("c_e", "alpha").index(name)], added=deviation**2
             )
@@ -484,14 +497,14 @@ class MixedLikelihood(Likelihood):
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
         """See `Likelihood`."""
-        equations, model = self.equations, self.linear
+        equations = self.equations
         total = np.asarray(np.linalg.pinv(equations.M[-2:, -2:]), np.float64)
-        scatters = [
+        scatters = tuple(
             RowScatter(rows.name, rows.n, rows.known, 0.0, 1.0 if rows.known else float(np.sqrt(s2)))
-            for rows, s2 in zip(model.rows, equations.scatter2, strict=True)
+            for rows, s2 in zip(self.linear.rows, equations.scatter2, strict=True)
             if rows.name != "known"
-        ]
-        return total, tuple(scatters), total[None]
+        )
+        return total, scatters, total[None]
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """See `Likelihood`: at the variances of the highest likelihood, not the restricted one."""
@@ -505,12 +518,9 @@ class MixedLikelihood(Likelihood):
             return MixedEquations(model, scatter2, effect2).criterion(restricted=False)
 
         begin = np.append(np.log(equations.scatter2[free]), np.sqrt(equations.effect2[estimated]))
-        if len(begin):
-            lowest = float(scipy.optimize.minimize(
-                height, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8}
-            ).fun)  # fmt: skip
-        else:
-            lowest = height(begin)
+        lowest = float(scipy.optimize.minimize(
+            height, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8}
+        ).fun) if len(begin) else height(begin)  # fmt: skip
         return self.log_jacobian() - 0.5 * (lowest + float(model.n.sum() * np.log(2 * np.pi)))
 
 
@@ -533,11 +543,16 @@ def against_indentation(likelihood: Likelihood, point: tuple[float, float]) -> l
     if max(rms_off(likelihood, point), np.sqrt(np.mean(np.log(by_row / point[0]) ** 2))) < NO_MATTER:
         return []
     pressed = Group("indentation", ("1",), np.full(len(o.force), -1), np.zeros(len(o.pressed), np.intp))
-    own = Component(pressed, "c_e", OWN, sought=True)
+
     rows = Likelihood(o, "log-sigma" if kind == "sigma" else kind, MeanFieldModel(o, plain.model.shape))
     hard, by_indentation = float(o.c_e_bounds().max()), float(np.exp(np.mean(np.log(by_row))))
     ends = hard * (_BELOW if any(x.random_c_e for x in components) else 1 + EDGE), hard * C_E_RANGE
-    apart, (c_e, _) = at_best_variances(rows, (*components, own), (max(point[0], ends[0]), point[1]), ends)
+    apart, (c_e, _) = at_best_variances(
+        rows,
+        (*components, Component(pressed, "c_e", OWN, sought=True)),
+        (max(point[0], ends[0]), point[1]),
+        ends,
+    )
     equations, shifts = apart.equations, apart.shifts[:-1]
     as_one = MixedLikelihood(
         moved_by(rows, components, shifts), components, apart.point, shifts, equations.scatter2, equations.effect2[:-1]

@@ -24,7 +24,8 @@ SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
 _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
-_VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
+_MEASURED = ("force", "velocity", "sigma", "window_start", "window_end")  # columns of a curve
+_VELOCITY = (*_MEASURED, "radius", "run", "log_sigma")
 _PRESSED = ("pressed", "pressed_sigma", "pressed_depth", "pressed_radius")  # as _VELOCITY, of pressed rows
 _MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
 
@@ -115,9 +116,8 @@ class Observations:
                 n_runs += 1
             else:
                 ok = data_set.ok
-                for name in ("force", "velocity", "sigma", "window_start", "window_end"):
-                    column = getattr(data_set, name)
-                    columns[name] = None if column is None else column[ok]
+                table = {name: getattr(data_set, name) for name in _MEASURED}
+                columns |= {name: column[ok] for name, column in table.items() if column is not None}
                 status = np.array(data_set.status or len(data_set) * ("",))
                 over, below = status == "overloaded", status == TOO_SLOW
                 nan, of_all = np.full(len(data_set), np.nan), np.full(len(data_set), radius)
@@ -135,11 +135,10 @@ class Observations:
                 parts[name].append(np.broadcast_to(np.asarray(columns.get(name), np.float64), n))
         tables: dict[str, Any] = {name: np.concatenate(pieces) for name, pieces in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
-        of_set = [
+        sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *(
             np.repeat(np.arange(len(rows)), [len(at) * (name == kind) for name, at in rows])
             for kind in ("velocity", "pressed")
-        ]
-        sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *of_set)
+        ))  # fmt: skip
         labels, bounding = _groups(data, rows, groups), np.concatenate(overloaded, axis=1)
         if any(group.name == "specimen" and len(group.levels) > 2 for group in labels):
             # each has a c_e of its own, and an overloaded run bounds no other
@@ -201,11 +200,6 @@ class Observations:
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
 
-    def slow_rows(self) -> "Observations":
-        """The runs that were too slow as rows of a model, with the smallest measurable velocity."""
-        force, limit, start, end, radius = self.slow
-        return replace(self, force=force, velocity=limit, window_start=start, window_end=end, radius=radius)
-
     @property
     def window(self) -> tuple[Floats, Floats]:
         """Start and end of each velocity row's window [mm]; where it is the default one, R/6 and R/3."""
@@ -222,8 +216,8 @@ class Observations:
     @property
     def pressed_unit(self) -> Floats:
         """R^2 (h/R)^q [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3: q = 3/2)."""
-        relative = self.pressed_depth / self.pressed_radius
-        return np.asarray(self.pressed_radius**2 * relative**self.force_exponent)
+        R = self.pressed_radius
+        return np.asarray(R**2 * (self.pressed_depth / R) ** self.force_exponent)
 
     def pressed_residuals(self, c_e: ArrayLike, known: bool) -> Floats:
         """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows."""
@@ -237,8 +231,7 @@ class Observations:
     @property
     def rate_factor(self) -> Floats | float:
         """(F/1 N)^m of each velocity row, by which the rate grows with the force."""
-        whole = self.force * np.exp(self.log_c_e) if self.rate_exponent else self.force
-        return rate_factor(whole, self.rate_exponent)
+        return rate_factor(self.force * np.exp(self.log_c_e), self.rate_exponent)
 
     def moved(self, offset: str, velocity: Floats | float, pressed: Floats | float) -> "Observations":
         """The rows corrected for an offset of what was measured.
@@ -254,10 +247,9 @@ class Observations:
         start, end = self.window
         F, stop, R = self.overloaded
         stop, by = np.where(np.isnan(stop), WINDOW_STOP * R, stop), np.mean(velocity)
-        overloaded = np.stack(
-            [F + by * (offset == "force"), stop + by * (offset == "surface"), R + by * (offset == "radius")]
-        )
-        moved = replace(self, window_start=start, window_end=end, overloaded=overloaded)
+        moved = replace(self, window_start=start, window_end=end, overloaded=np.stack([
+            F + by * (offset == "force"), stop + by * (offset == "surface"), R + by * (offset == "radius"),
+        ]))  # fmt: skip
         if offset == "c_e":
             return replace(
                 self, force=self.force * np.exp(-velocity), measured_force=self.recorded_force,
@@ -294,9 +286,11 @@ class Observations:
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
-        groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
         return self.taken(
-            np.flatnonzero(keep), np.arange(len(self.pressed)), run=self.run[keep], groups=groups
+            np.flatnonzero(keep),
+            np.arange(len(self.pressed)),
+            run=self.run[keep],
+            groups=tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups),
         )
 
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
@@ -319,12 +313,7 @@ class Observations:
         columns: dict[str, Any] = {
             name: np.append(getattr(self, name), [number] * n) for name, number in new.items()
         }
-        columns["run"] = columns["run"].astype(np.intp)
         return replace(self, groups=(), measured_force=None, log_c_e=0.0, **columns)
-
-    def phi(self, c_e: float) -> Floats:
-        """F/(c_e R^2) of every velocity row."""
-        return self.force / (c_e * self.radius**2)
 
     def c_e_bounds(self) -> Floats:
         """Lower bound of c_e [N/mm^2] that each velocity row's window implies.
@@ -393,16 +382,16 @@ def _groups(
 
 def _static_c_e(force: Floats, end: Floats, radius: Floats | float, force_exponent: float) -> Floats:
     """c_e [N/mm^2] at which static contact alone ends at `end` [mm], NaN for R/3."""
-    relative = np.where(np.isnan(end), WINDOW_STOP, end / radius)
-    return np.asarray(force / (radius**2 * relative**force_exponent))
+    return np.asarray(
+        force / (radius**2 * np.where(np.isnan(end), WINDOW_STOP, end / radius) ** force_exponent)
+    )
 
 
 def _radius(data: Data, burr: Burr | None) -> float:
     if burr is not None and data.radius not in (None, burr.radius):
-        name = "curve" if isinstance(data, VelocityCurve) else "data set"
         raise ValueError(
-            f"the {name} was taken with a burr of radius {data.radius:g} mm, the fit is for "
-            f"{burr.radius:g} mm"
+            f"the {'curve' if isinstance(data, VelocityCurve) else 'data set'} was taken with a burr of radius "
+            f"{data.radius:g} mm, the fit is for {burr.radius:g} mm"
         )
     if data.radius is not None:
         return data.radius
@@ -435,13 +424,14 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
     """
     hard = float(observations.c_e_bounds().max()) * (1 + _MARGIN)
     ceiling = observations.ceiling * (1 - _MARGIN)
-    deepest = float(observations.force[np.argmax(observations.c_e_bounds())])
+
     box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
     for name, pair in (bounds or {}).items():
-        low, high = (float(end) for end in pair)
+        low, high = map(float, pair)
         refuse(
             name == "c_e" and high <= hard,
-            f"bounds of c_e end at {high:g} N/mm^2, but the window at {deepest:g} N "
+            f"bounds of c_e end at {high:g} N/mm^2, but the window at "
+            f"{observations.force[np.argmax(observations.c_e_bounds())]:g} N "
             f"needs c_e > {hard:g} N/mm^2",
         )
         refuse(
@@ -449,4 +439,4 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
             f"bounds of c_e begin at {low:g} N/mm^2, but an 'overloaded' run needs c_e < {ceiling:g} N/mm^2",
         )
         box[name] = (max(low, hard), min(high, ceiling)) if name == "c_e" else (low, high)
-    return Box((box["c_e"][0], box["alpha"][0]), (box["c_e"][1], box["alpha"][1]))
+    return Box(*zip(box["c_e"], box["alpha"], strict=True))

@@ -86,9 +86,10 @@ class Region:
         c_e, alpha = point
         if not len(self.c_e) or not self.c_e[0] <= c_e <= self.c_e[-1]:
             return False
-        x = np.log(self.c_e)
         with np.errstate(divide="ignore"):
-            low, high = (np.interp(np.log(c_e), x, np.log(edge)) for edge in (self.lower, self.upper))
+            low, high = (
+                np.interp(np.log(c_e), np.log(self.c_e), np.log(edge)) for edge in (self.lower, self.upper)
+            )
         return bool(low <= np.log(alpha) <= high)
 
 
@@ -207,8 +208,14 @@ class Domain:
                 if high_hard
                 else _FAR[-1] * (kinks[-1] if np.isfinite(kinks[-1]) else low)
             )
-        alpha = (box.lower[1], box.upper[1]) if "alpha" in bounds else (0.0, np.inf)
-        return cls(low, high, low_hard, high_hard, kinks, alpha)
+        return cls(
+            low,
+            high,
+            low_hard,
+            high_hard,
+            kinks,
+            (box.lower[1], box.upper[1]) if "alpha" in bounds else (0.0, np.inf),
+        )
 
     @property
     def entry(self) -> float:
@@ -246,8 +253,8 @@ class Walk:
         self.low, self.high = domain.alpha
         self.alpha = np.clip(self.slices.best_alpha, max(self.low, 1e-300), self.high)
         clipped = self.low > 0 or np.isfinite(self.high)
-        self.minus2 = self.slices.minus2(self.alpha) if clipped else self.slices.profile
-        self.minus2 = np.where(np.isfinite(self.minus2), self.minus2, np.inf)
+        minus2 = self.slices.minus2(self.alpha) if clipped else self.slices.profile
+        self.minus2 = np.where(np.isfinite(minus2), minus2, np.inf)
         self._bands: dict[float, tuple[Floats, Floats]] = {}
 
     def _with(self, likelihood: Likelihood, c_e: Floats) -> AlphaSlices:
@@ -303,13 +310,13 @@ def ranges(
         exponent = float(np.clip(calibration.exponent, 0.0, _LONGEST_EXPONENT * ridge))
     elif not open_above["95"]:
         exponent = _exponent(walk, base + of_alpha["95"], ridge)
-    along = calibration.limits(LEVELS, np.array([-exponent, 1.0]))
+
     combination = Combination(
         exponent,
         best[1] / best[0] ** exponent,
         {
             name: _range_of_combination(walk, exponent, base + limit, open_above[name] and exponent != ridge)
-            for name, limit in along.items()
+            for name, limit in calibration.limits(LEVELS, np.array([-exponent, 1.0])).items()
         },
     )
     return Ranges(walk, base, limits, joint, intervals, combination)
@@ -399,8 +406,11 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     for k, rough in enumerate([] if few else lowest_points):
         i = int(np.searchsorted(edges, rough.c_e))
         beside = np.lib.stride_tricks.sliding_window_view(edges[max(i - 2, 0) : i + 2], 2)
-        exact = _followed(likelihood, domain, beside, every, rough.evaluations, cells=4, step=_PARABOLIC / 8)
-        lowest_points[k] = min(exact, key=lambda minimum: minimum.minus2, default=rough)
+        lowest_points[k] = min(
+            _followed(likelihood, domain, beside, every, rough.evaluations, cells=4, step=_PARABOLIC / 8),
+            key=lambda minimum: minimum.minus2,
+            default=rough,
+        )
     return sorted(lowest_points, key=lambda minimum: minimum.minus2)
 
 
@@ -530,9 +540,10 @@ def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list
 def _range_of_c_e(walk: Walk, domain: Domain, target: float) -> Interval:
     inside = np.flatnonzero(walk.minus2 <= target)
     first, last = int(inside[0]), int(inside[-1])
-    lower = None if first == 0 and not domain.low_hard else float(walk.c_e[first])
-    upper = None if last == len(walk.c_e) - 1 and not domain.high_hard else float(walk.c_e[last])
-    return Interval(lower, upper)
+    return Interval(
+        None if first == 0 and not domain.low_hard else float(walk.c_e[first]),
+        None if last == len(walk.c_e) - 1 and not domain.high_hard else float(walk.c_e[last]),
+    )
 
 
 def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
@@ -542,9 +553,10 @@ def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
     lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
     with np.errstate(divide="ignore"):
         endless = -np.inf < np.log(lowest) < -ENDLESS, np.log(highest) > ENDLESS
-    lower = None if c_e.lower is None or endless[0] or 0 < domain.alpha[0] >= lowest else lowest
-    upper = None if c_e.upper is None or endless[1] or highest >= domain.alpha[1] else highest
-    return Interval(lower, upper)
+    return Interval(
+        None if c_e.lower is None or endless[0] or 0 < domain.alpha[0] >= lowest else lowest,
+        None if c_e.upper is None or endless[1] or highest >= domain.alpha[1] else highest,
+    )
 
 
 def _band(walk: Walk, target: float) -> tuple[Floats, Floats, Floats]:

@@ -110,7 +110,7 @@ class FitRecord(InJson):
         """Why c_e and alpha are not separately identified; empty where they are."""
         if self.evidence is None:
             return "nothing was fitted"
-        status = self.evidence.doubt[0] if self.evidence.doubt else self.status
+        status, _ = self.evidence.doubt or (self.status, "")
         return obstacle(self.intervals["c_e"]["95"], self._window_bound, status)
 
     @property
@@ -156,10 +156,11 @@ class FitRecord(InJson):
         """c_e, alpha and the scatters that were estimated."""
         if self.evidence is None:
             return 2
-        estimated = sum(
-            len(x.levels) if x.deviation is None else x.interval is not None for x in self.effects
+        return (
+            2
+            + sum(not s.known for s in self.evidence.scatters)
+            + sum(len(x.levels) if x.deviation is None else x.interval is not None for x in self.effects)
         )
-        return 2 + sum(not s.known for s in self.evidence.scatters) + estimated
 
     @property
     def log_likelihood(self) -> float:
@@ -202,8 +203,9 @@ class FitRecord(InJson):
         """The likelihood without groups and offsets."""
         known = self.provenance.get("known", {})
         beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
-        logs = self.residual_kind == "sigma" and bool(self.effects or known)
-        kind = "log-sigma" if logs else self.residual_kind
+        kind = (
+            "log-sigma" if self.residual_kind == "sigma" and (self.effects or known) else self.residual_kind
+        )
         return Likelihood(
             self.observations, kind, model_of(self.observations, self.shape, self.table), beliefs
         )
@@ -214,9 +216,8 @@ class FitRecord(InJson):
 
         Calculated when first asked for, which takes some 40 ms for each window that the process has not met.
         """
-        if self.identified is None:
-            return ()
-        return sensitivities(self.likelihood, (self.c_e, self.alpha), self.identified)
+        point = self.c_e, self.alpha
+        return sensitivities(self.likelihood, point, self.identified) if self.identified else ()
 
     @cached_property
     def repairs(self) -> tuple[Repair, ...]:

@@ -60,19 +60,22 @@ def sensitivities(
     model = LinearModel(
         plain, components, point, np.zeros(blocks_of(components)[-1].stop if components else 0)
     )
-    scatter2, effect2 = np.array(list(plain.variances(*point).values())), np.empty(0)
-    if mixed:
-        scatter2, effect2 = mixed.equations.scatter2, mixed.equations.effect2
+    scatter2, effect2 = (
+        (mixed.equations.scatter2, mixed.equations.effect2)
+        if mixed
+        else (np.array(list(plain.variances(*point).values())), np.empty(0))
+    )
     equations = MixedEquations(model, scatter2, np.append(model.effect2[: len(sizes)], effect2))
     known = np.arange(len(sizes), len(equations.c))
     steps = equations.inverse(known)[0][-2:] @ equations.C[np.ix_(known, np.arange(len(sizes)))]
     ratio = identified.interval.ratio()
     half = np.log(ratio) / 2 if 1 < ratio < np.inf else np.inf
-    results = []
-    for k, (name, size) in enumerate(sizes.items()):
-        moved = float(np.array([-identified.exponent, 1.0]) @ steps[:, k]) * size
-        results.append(Sensitivity(name, size, moved, float(abs(moved) / half)))
-    return tuple(results)
+    direction = np.array([-identified.exponent, 1.0])
+    moves = [float(direction @ steps[:, k]) * size for k, size in enumerate(sizes.values())]
+    return tuple(
+        Sensitivity(name, size, moved, float(abs(moved) / half))
+        for (name, size), moved in zip(sizes.items(), moves, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,9 @@ def without_levels(
         keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
         try:
             o = plain.observations.kept(keep)
-            components = [x.of_rows(o) for x in fitted.components]
-            mixed, domain, _ = fitted_again(plain.of_rows(o), components, fitted.point)
+            mixed, domain, _ = fitted_again(
+                plain.of_rows(o), [x.of_rows(o) for x in fitted.components], fitted.point
+            )
             c_e, alpha = minima(mixed, domain)[0].point
             interval = ranges(mixed, mixed.calibration(c_e, alpha), domain, (c_e, alpha), 0.0).intervals[
                 "c_e"
@@ -179,5 +183,8 @@ def _other_laws(present: Law) -> list[tuple[str, Law]]:
 def repair_sentence(ranked: Sequence[Repair]) -> list[str]:
     """The best explanations, all that lie within 4 of the best, in plain words; none that gain little."""
     best = [f"{x.what} ({x.gain:.3g})" for x in ranked if x.gain > max(_NAMED, ranked[0].gain - _ALONE)]
-    alone = "one of these" if len(best) > 1 else "this"
-    return [f"The data would fit better with {alone} (AIC lower by): {', or '.join(best)}."] if best else []
+
+    return [
+        f"The data would fit better with {'one of these' if len(best) > 1 else 'this'} (AIC lower by): "
+        f"{', or '.join(best)}."
+    ] if best else []  # fmt: skip

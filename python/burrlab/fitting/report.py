@@ -141,8 +141,8 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
         unit = f"(1/ms)/(N/mm^2)^{p}"
         rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *astuple(fit.identified.interval)))
     for name, (value, deviation) in fit.provenance.get("known", {}).items():
-        ends = (value * np.exp(1.96 * deviation * side) for side in (-1, 1))
-        rows.append((f"{name} as given", _UNITS[name], value, *ends))
+        low, high = (value * np.exp(1.96 * deviation * side) for side in (-1, 1))
+        rows.append((f"{name} as given", _UNITS[name], value, low, high))
     for x in fit.effects:
         if x.interval is not None and x.deviation is not None:
             rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *astuple(x.interval)))
@@ -155,12 +155,18 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
                 + (f", {x.group} {label}" if len(x.levels) > 1 else "")
             )
             rows.append((of, OFFSETS.get(x.quantity, "1"), x.values[k], *x.level(k).ends))
-    for s in fit.evidence.scatters if fit.evidence else ():
-        if not s.known:
-            unit = "mm/s" if s.name == "velocity" and fit.residual_kind == "absolute" else "1"
-            rows.append((f"scatter of {s.name}", unit, s.value, np.nan, np.nan))
-    names = ("quantity", "unit", "value", "lower_95", "upper_95")
-    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+    of_velocity = "mm/s" if fit.residual_kind == "absolute" else "1"
+    rows += [
+        (f"scatter of {s.name}", of_velocity if s.name == "velocity" else "1", s.value, np.nan, np.nan)
+        for s in (fit.evidence.scatters if fit.evidence else ())
+        if not s.known
+    ]
+    return {
+        name: list(column)
+        for name, column in zip(
+            ("quantity", "unit", "value", "lower_95", "upper_95"), zip(*rows, strict=True), strict=True
+        )
+    }
 
 
 def identification(fit: FitRecord) -> dict[str, str]:

@@ -153,8 +153,12 @@ class Fit(FitRecord, Tabulated):
         Of more than 1000 rows only the two that lie farthest off are fitted without.
         """
         self._evidence()
-        bounds = {name: self.bounds[name] for name in self.given_bounds}
-        return influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds)
+        return influence(
+            self.likelihood,
+            (self.c_e, self.alpha),
+            self.data,
+            {name: self.bounds[name] for name in self.given_bounds},
+        )
 
     def influence_by(self, group: str) -> tuple[LevelLeftOut, ...]:
         """The fit without the velocities of each day or specimen, with the variances estimated again.
@@ -172,8 +176,12 @@ class Fit(FitRecord, Tabulated):
         groups = {x.name: x for x in self.observations.groups if x.name in self._groups}
         refuse(group not in groups, f"group must be one with effects, {sorted(groups)}: got {group!r}")
         refuse(self.table is not None, "the voxel engine's table serves the rows of its own data alone")
-        exponent = self._evidence().profile.identified.exponent
-        return without_levels(self._plain, cast("MixedLikelihood", self.likelihood), groups[group], exponent)
+        return without_levels(
+            self._plain,
+            cast("MixedLikelihood", self.likelihood),
+            groups[group],
+            self._evidence().profile.identified.exponent,
+        )
 
     def bootstrap(
         self,
@@ -194,8 +202,9 @@ class Fit(FitRecord, Tabulated):
             "; ".join(data_set.source for data_set in self.data if data_set.source)
             or "a velocity-force curve"
         )
-        source = f"fit to {data} ({self.engine}, status {self.status})"
-        return self.law.material(self.c_e, self.alpha, name, source)
+        return self.law.material(
+            self.c_e, self.alpha, name, f"fit to {data} ({self.engine}, status {self.status})"
+        )
 
     def levels(self, group: str) -> dict[str, tuple[float, float]]:
         """c_e [N/mm^2] and alpha [1/ms] of each level of a group, by its label; `effects` has their errors.
@@ -218,13 +227,17 @@ class Fit(FitRecord, Tabulated):
                 np.unique(o.sets.velocity) if effects[0].quantity == "alpha" else range(len(o.sets.levels))
             )
             labels = tuple(o.sets.levels[k] for k in with_alpha)
-        logs = {label: {"c_e": 0.0, "alpha": 0.0} for label in labels}
-        for effect in effects:
-            for label, value in zip(effect.levels, effect.values, strict=True):
-                logs[label][effect.quantity] = value
+        factors = {
+            (x.quantity, label): float(np.exp(logarithm))
+            for x in effects
+            for label, logarithm in zip(x.levels, x.values, strict=True)
+        }
         return {
-            label: (self.c_e * float(np.exp(x["c_e"])), self.alpha * float(np.exp(x["alpha"])))
-            for label, x in logs.items()
+            label: (
+                self.c_e * factors.get(("c_e", label), 1.0),
+                self.alpha * factors.get(("alpha", label), 1.0),
+            )
+            for label in labels
         }
 
     @property
@@ -265,9 +278,17 @@ class Fit(FitRecord, Tabulated):
         if R is None:
             raise ValueError("radius must be given: the data are of several radii")
         check_positive("radius", R)
-        ends = (("start_mm", start_mm), ("end_mm", end_mm))
-        window = [None if end is None else scalar(end, name) / R for name, end in ends]
-        return self.law.velocity(positive("force", force), self.c_e, self.alpha, R, *window)
+
+        return self.law.velocity(
+            positive("force", force),
+            self.c_e,
+            self.alpha,
+            R,
+            *[
+                None if end is None else scalar(end, name) / R
+                for name, end in (("start_mm", start_mm), ("end_mm", end_mm))
+            ],
+        )
 
     def velocity_interval(
         self, force: ArrayLike, *, level: str | float = "95", new: str = "", radius: float | None = None
@@ -397,9 +418,11 @@ class Fit(FitRecord, Tabulated):
             style = next_look(ax, style, color="black", marker="s", linestyle="-")
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
-        dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
         self._plot_points(
-            ax, log, "" if named else min(self._groups, key=lambda x: x != "data set", default=""), dress
+            ax,
+            log,
+            "" if named else min(self._groups, key=lambda x: x != "data set", default=""),
+            {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"},
         )
         default = np.isnan(o.window_start)
         label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
@@ -475,19 +498,17 @@ class Fit(FitRecord, Tabulated):
         refuse(not effects, "effects of groups need a fit with groups: it has none")
         ax, names = axes_or_new(ax), list[str]()
         for look, x in zip(itertools.cycle(SERIES), effects, strict=False):
-            place = len(names) + np.arange(len(x.levels))
             value, error = (100 * np.array(column) for column in (x.values, x.errors))
-            dress = styled(
-                {"linestyle": "", **style}, color=look["color"], marker=look["marker"], markersize=5
-            )
             ax.errorbar(
                 value,
-                place,
+                len(names) + np.arange(len(x.levels)),
                 xerr=error,
                 capsize=2,
                 elinewidth=0.9,
                 label=f"{x.quantity} by {x.group}",
-                **dress,
+                **styled(
+                    {"linestyle": "", **style}, color=look["color"], marker=look["marker"], markersize=5
+                ),
             )
             names += [label if label.startswith(x.group) else f"{x.group} {label}" for label in x.levels]
         ax.axvline(0, color=REFERENCE, linewidth=0.8)
@@ -590,8 +611,12 @@ class Fit(FitRecord, Tabulated):
             region = profile.regions[level]
             near = region.c_e <= widest
             c_e = region.c_e[near]
-            shade = {"color": (color, alpha), "edgecolor": color, "linewidth": 0.6, **look}
-            ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, **shade)
+            ax.fill_between(
+                c_e,
+                region.lower[near] / c_e**p,
+                region.upper[near] / c_e**p,
+                **{"color": (color, alpha), "edgecolor": color, "linewidth": 0.6, **look},
+            )
             ax.fill_between([], [], color=(edge, seen), ec=edge, lw=0.6, label=f"{level} %")
         opened = ", ".join(level for level in LEVELS if profile.regions[level].open_above)
         named += f", {opened} % open above" if opened else ""
@@ -745,8 +770,11 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
 
 def _span_of(force: Floats, law: Law, c_e: float, R: float, log: bool) -> Floats:
     """Forces that a line is drawn over, about those of some rows."""
-    high = min(1.04 * force.max(), 0.999 * c_e * R**2 * WINDOW_STOP**law.force_exponent)
-    return np.geomspace((0.85 if log else 0.3) * force.min(), high, 300)
+    return np.geomspace(
+        (0.85 if log else 0.3) * force.min(),
+        min(1.04 * force.max(), 0.999 * c_e * R**2 * WINDOW_STOP**law.force_exponent),
+        300,
+    )
 
 
 def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:

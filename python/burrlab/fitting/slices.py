@@ -321,5 +321,8 @@ class StudentSlices(AlphaSlices):
 
     def _over(self, points: Rows, g: Floats) -> Floats:
         """-2 log L at log alpha = g at some points, with the best scale."""
-        begin = (self.A / self.B)[points] + (g - self.m[points]) ** 2
-        return best_scale(self.r.T[:, points].T - g[:, None], self.floor, begin)[0]
+        return best_scale(
+            self.r.T[:, points].T - g[:, None],
+            self.floor,
+            (self.A / self.B)[points] + (g - self.m[points]) ** 2,
+        )[0]

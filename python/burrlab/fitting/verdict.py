@@ -59,7 +59,7 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     o = likelihood.observations
     entry = float(o.ridge_entries().max())
     c_e, alpha = best
-    max_phi = float(o.phi(c_e).max())
+    max_phi = float((o.force / (c_e * o.radius**2)).max())
     if not np.isfinite(entry):  # a window from immersion 0 begins at static contact whatever c_e: no ridge
         return Ridge(max_phi, False, True, exponent, alpha / c_e**exponent, np.inf)
     on_ridge = c_e > entry
@@ -67,10 +67,14 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     alpha_there = float(likelihood.at(at).best_alpha[0])
     own_alpha = np.broadcast_to(likelihood.own_alpha, len(o.force))[likelihood.first_rows]
     r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there) - own_alpha
-    # bounds that end below the ridge exclude it too
-    excluded = profile.intervals["c_e"]["95"].upper is not None or bool(profile.c_e[-1] <= entry)
     return Ridge(
-        max_phi, on_ridge, excluded, exponent, alpha_there / at**exponent, float(np.sqrt(np.mean(r**2)))
+        max_phi,
+        on_ridge,
+        # bounds that end below the ridge exclude it too
+        profile.intervals["c_e"]["95"].upper is not None or bool(profile.c_e[-1] <= entry),
+        exponent,
+        alpha_there / at**exponent,
+        float(np.sqrt(np.mean(r**2))),
     )
 
 

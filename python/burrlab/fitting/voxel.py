@@ -211,8 +211,9 @@ class VoxelModel:
 
     def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> VoxelModel:
         """See `burrlab.fitting.likelihood.Model`."""
-        table = replace(self._table, coefficients=self._table.coefficients[:, keep])
-        return VoxelModel(observations, self.shape, table)
+        return VoxelModel(
+            observations, self.shape, replace(self._table, coefficients=self._table.coefficients[:, keep])
+        )
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""
@@ -221,8 +222,11 @@ class VoxelModel:
         deviation = np.zeros((*stiffness.shape, self._coefficients.shape[1]))
         for coefficient in self._coefficients[::-1]:
             deviation = deviation * x + coefficient
-        inside = (x >= -1e-9) & np.isfinite(deviation)
-        return np.where(inside, self._mean_field.unit(stiffness) * np.exp(deviation), np.nan)
+        return np.where(
+            (x >= -1e-9) & np.isfinite(deviation),
+            self._mean_field.unit(stiffness) * np.exp(deviation),
+            np.nan,
+        )
 
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""
@@ -250,25 +254,28 @@ class Descents:
         for window, rows in observations.by_window().items():
             pairs = np.stack([observations.radius[rows], observations.force[rows]], axis=1)
             for radius, force in np.unique(pairs, axis=0).tolist():
-                here = rows[(pairs == (radius, force)).all(axis=1)]
-                self._rows.setdefault((radius, force), {})[window] = here
+                self._rows.setdefault((radius, force), {})[window] = rows[
+                    (pairs == (radius, force)).all(axis=1)
+                ]
 
     def velocities(self, points: Floats) -> Floats:
         """Velocity [mm/s] of every row at each (c_e, alpha): shape (points, replicates, rows).
 
         NaN where a descent gave no number, infinite where static contact passed the window's end.
         """
-        work: list[tuple[VoxelDescent, int, int, list[Rows]]] = []
         law = MeanFieldModel(self._observations, self._shape).law
-        for i, (c_e, alpha) in enumerate(points.tolist()):
-            material = law.material(c_e, alpha, "trial")
-            for (radius, force), windows in self._rows.items():
-                for k in range(self._settings.replicates):
-                    seed = item_seed(self._seed, force, k)
-                    descent = VoxelDescent(
-                        Burr(radius), material, force, tuple(windows), self._settings, seed
-                    )
-                    work.append((descent, i, k, list(windows.values())))
+        work = [
+            (
+                VoxelDescent(
+                    Burr(radius), law.material(c_e, alpha, "trial"), force, tuple(windows), self._settings,
+                    item_seed(self._seed, force, k),
+                ),
+                i, k, list(windows.values()),
+            )
+            for i, (c_e, alpha) in enumerate(points.tolist())
+            for (radius, force), windows in self._rows.items()
+            for k in range(self._settings.replicates)
+        ]  # fmt: skip
         work.sort(key=lambda part: part[0].force)  # small forces take longest: they come first
         velocities_of_items = run_items(
             sink,

@@ -17,7 +17,7 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import Tabulated, by_value
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold, covariance_of
-from burrlab.fitting.diagnostics import HypothesisTest, concluded, p_text
+from burrlab.fitting.diagnostics import HypothesisTest, concluded, holm, p_text
 from burrlab.fitting.linear import OFFSETS, check_names
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
@@ -131,8 +131,10 @@ class Comparison(InJson, Tabulated):
                     f"{pair.velocity.middle[1]:.3g} N)"
                 )
             if self.margin is not None:
-                shown_to = "" if pair.equivalent else "not shown to be "
-                sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
+                sentence += (
+                    f", and are {'' if pair.equivalent else 'not shown to be '}equivalent within "
+                    f"{100 * self.margin:g} % of velocity"
+                )
             lines.append(f"{sentence[0].upper() if runs else sentence[0]}{sentence[1:]}.")
         return "\n".join(lines)
 
@@ -157,9 +159,16 @@ class Comparison(InJson, Tabulated):
         ratios = [["", "ratio of", "value", "95 %", "verdict"]]
         for pair in self.pairs:
             pair_text = f"{pair.names[1]} over {pair.names[0]}"
-            for quantity, ratio in self._named_ratios(pair).items():
-                value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
-                ratios.append([pair_text, quantity, value, span(ratio.interval), ratio.verdict])
+            ratios += [
+                [
+                    pair_text,
+                    quantity,
+                    "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}",
+                    span(ratio.interval),
+                    ratio.verdict,
+                ]
+                for quantity, ratio in self._named_ratios(pair).items()
+            ]
             corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
             notes += [
                 f"{pair_text}: {pair.joint.sentence}{corrected}",
@@ -223,8 +232,14 @@ class Comparison(InJson, Tabulated):
             for pair in self.pairs
             for name, x in self._named_ratios(pair).items()
         ]
-        names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
-        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+        return {
+            name: list(column)
+            for name, column in zip(
+                ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ"),
+                zip(*rows, strict=True),
+                strict=True,
+            )
+        }
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -239,8 +254,11 @@ class Comparison(InJson, Tabulated):
         for k, (names, v) in enumerate(drawn_pairs):
             for R in np.unique(v.radius):
                 F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
-                label = f"{names[1]} over {names[0]}, R = {R:g} mm"
-                look = styled(style, **SERIES[k % len(SERIES)] | {"markersize": 3, "label": label})
+                look = styled(
+                    style,
+                    **SERIES[k % len(SERIES)]
+                    | {"markersize": 3, "label": f"{names[1]} over {names[0]}, R = {R:g} mm"},
+                )
                 ax.fill_between(F, low, high, color=look["color"], alpha=0.2, linewidth=0)
                 ax.plot(F, ratio, **look)
         ax.axhline(1, color=REFERENCE, linewidth=0.8)
@@ -348,45 +366,40 @@ def compare(
         _velocities(sides[i], sides[k], margin, level, pair)
         for pair, (i, k) in zip(linear, places, strict=True)
     ]
-    p_differ = _holm([test.p_value for test in joint])
+    p_differ = holm([test.p_value for test in joint])
     # a pair without shared forces or margin counts as not equivalent
-    p_equivalent = _holm(
+    p_equivalent = holm(
         [1.0 if test is None or test.p_value is None else test.p_value for test in velocities]
     )
-    pairs = []
-    for n, (i, k) in enumerate(places):
-        ratios = {"c_e": of_c_e[n]} | _ratios(sides[i], sides[k], linear[n], exponent, level)
-        names_of_pair = named[i], named[k]
-        pairs.append(
+    return Comparison(
+        sets=tuple(
+            ComparedSet(
+                name,
+                fit.n_points,
+                fit.c_e,
+                fit.alpha,
+                fit.residual_kind,
+                fit.status,
+                tuple(group.name for group in fit.observations.groups if len(group.levels) > 1),
+            )
+            for name, fit in zip(named, fits, strict=True)
+        ),
+        exponent=exponent,
+        on_ridge=on_ridge,
+        margin=margin,
+        pairs=tuple(
             ComparedPair(
-                names=names_of_pair,
-                ratios=ratios,
+                names=(named[i], named[k]),
+                ratios={"c_e": of_c_e[n]} | _ratios(sides[i], sides[k], linear[n], exponent, level),
                 joint=joint[n],
                 p_differ=p_differ[n],
                 velocity=velocities[n],
                 p_equivalent=p_equivalent[n],
                 pairing=getattr(linear[n], "group", ""),
-                obstacle=_obstacle((fits[i], fits[k]), names_of_pair),
+                obstacle=_obstacle((fits[i], fits[k]), (named[i], named[k])),
             )
-        )
-    sets = [
-        ComparedSet(
-            name,
-            fit.n_points,
-            fit.c_e,
-            fit.alpha,
-            fit.residual_kind,
-            fit.status,
-            tuple(group.name for group in fit.observations.groups if len(group.levels) > 1),
-        )
-        for name, fit in zip(named, fits, strict=True)
-    ]
-    return Comparison(
-        sets=tuple(sets),
-        exponent=exponent,
-        on_ridge=on_ridge,
-        margin=margin,
-        pairs=tuple(pairs),
+            for n, (i, k) in enumerate(places)
+        ),
         provenance=provenance(shape=fits[0].shape.name, **fits[0].law.exponents, margin=margin),
     )
 
@@ -396,18 +409,16 @@ def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
     first, second = ({group.name: set(group.levels) for group in fit.observations.groups} for fit in fits)
     for group in sorted(first.keys() ^ second.keys()):
         of, other = names if group in first else names[::-1]
-        has = fits[group not in first]
-        if first and second and any(x.group == group for x in has.effects):
+        if first and second and any(x.group == group for x in fits[group not in first].effects):
             return (
                 f"Whether {names[0]} and {names[1]} differ cannot be told: the runs of {of} have a {group}, those of "
                 f"{other} have none; label both, or leave it out of both by groups."
             )
     for group in first.keys() & second.keys():
         if first[group] != second[group] and min(len(first[group]), len(second[group])) == 1:
-            lone = names[len(first[group]) > 1]
             return (
-                f"Whether {names[0]} and {names[1]} differ cannot be told: all runs of {lone} are of one {group}, and "
-                f"no test can tell the sets from the {group}s."
+                f"Whether {names[0]} and {names[1]} differ cannot be told: all runs of {names[len(first[group]) > 1]} are of "
+                f"one {group}, and no test can tell the sets from the {group}s."
             )
     return ""
 
@@ -415,11 +426,16 @@ def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
 def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Sequence[str] | None) -> list[str]:
     """A name for each fit; errors of `compare`."""
     for fit in fits:
-        if not isinstance(fit, FitRecord):
-            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(fit)}")
-    alike = len({fit.law for fit in fits}) == 1 and {fit.engine for fit in fits} == {"mean-field"}
+        refuse(
+            not isinstance(fit, FitRecord),
+            f"compare takes fits, such as fit(curve, burr): got {shown(fit)}",
+            TypeError,
+        )
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
-    refuse(not alike, "all fits must be mean-field ones of one law")
+    refuse(
+        len({fit.law for fit in fits}) > 1 or {fit.engine for fit in fits} != {"mean-field"},
+        "all fits must be mean-field ones of one law",
+    )
     refuse(
         any(fit.given_bounds for fit in fits), "compare needs fits without bounds, for these cut intervals"
     )
@@ -625,12 +641,11 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
         total = of_a(begin) + of_b(begin)
         total[~np.isfinite(total)] = np.inf
         i = int(np.argmin(total))
-        statistic = float(total[i])
         c_e = np.geomspace(c_e[max(i - 1, 0)], c_e[min(i + 1, len(c_e) - 1)], 25)
     nu = _freedom(*((side.variance, side.scatter2, side.joint.nu) for side in (a, b)))
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
     return concluded(
-        "one material", statistic / len(freedom), freedom, "The two {so} (one c_e and alpha): {outcome}.",
+        "one material", float(total.min()) / len(freedom), freedom, "The two {so} (one c_e and alpha): {outcome}.",
         "can be of one material", "differ",
     )  # fmt: skip
 
@@ -671,11 +686,3 @@ def _velocities(
     p_value = None if margin is None else float(table[5].max())
     ratio, lower, upper = np.exp(table[2:5])
     return VelocityRatio(table[0], table[1], ratio, lower, upper, p_value, *middles[0])
-
-
-def _holm(p_values: Sequence[float]) -> list[float]:
-    """p-values corrected for their number by Holm's step-down rule."""
-    corrected, least = list(p_values), 0.0
-    for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
-        corrected[k] = least = max(least, min(1.0, (len(corrected) - done) * p))
-    return corrected

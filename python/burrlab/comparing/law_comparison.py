@@ -123,9 +123,12 @@ class LawRow:
 
     def velocity(self, force: Floats, radius: float) -> Floats:
         """Velocity at the best point [mm/s], in the default window."""
-        if self.law is None:
-            return self.alpha * force
-        return np.asarray(self.law.velocity(force, self.c_e, self.alpha, radius))
+        law = self.law
+        return (
+            self.alpha * force
+            if law is None
+            else np.asarray(law.velocity(force, self.c_e, self.alpha, radius))
+        )
 
     @property
     def constants(self) -> str:
@@ -240,12 +243,12 @@ class LawComparison(Tabulated):
                 "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
                 "tare, a friction or the surface is off."
             )
-        for parting in self.partings:
-            radius = f" and R = {parting.radius:g} mm" if several else ""
-            lines.append(
-                f"{parting.name} parts most from {self.best.name} at {parting.force:.3g} N{radius} (velocity {parting.ratio:.2f} "
-                f"times): about {parting.runs} more {'run' if parting.runs == 1 else 'runs'} there would tell them apart."
-            )
+        lines += [
+            f"{x.name} parts most from {self.best.name} at {x.force:.3g} N{f' and R = {x.radius:g} mm' if several else ''} "
+            f"(velocity {x.ratio:.2f} times): about {x.runs} more {'run' if x.runs == 1 else 'runs'} there would tell them "
+            "apart."
+            for x in self.partings
+        ]
         return tuple(line[0].upper() + line[1:] for line in lines)
 
     def _columns(self) -> dict[str, list[Any]]:
@@ -289,9 +292,11 @@ class LawComparison(Tabulated):
         plot_points(left, o.force, o.velocity, None, {"ms": 3.5, "zorder": 4} | style, "data")
         colors = {row.name: look["color"] for look, row in zip(SERIES[1:], self.close, strict=False)}
         for row in self.rows:
-            dress: dict[str, Any] = {"color": "0.7", "linestyle": "--", "linewidth": 1.0, "label": f"_{row.name}", "zorder": 1}  # fmt: skip
-            if not row.contradicted:
-                dress = {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
+            dress: dict[str, Any] = (
+                {"color": "0.7", "linestyle": "--", "linewidth": 1.0, "label": f"_{row.name}", "zorder": 1}
+                if row.contradicted
+                else {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
+            )
             for R in sorted(set(o.radius.tolist())):
                 ends = o.force[o.radius == R].min(), o.force[o.radius == R].max()
                 force = np.geomspace(0.8 * ends[0], 1.25 * ends[1], 200)

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -15,9 +15,9 @@ from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
-from burrlab.fitting.diagnostics import POOR, HypothesisTest, concluded
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
-from burrlab.fitting.likelihood import MODEL_ERROR
+from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Interval
@@ -77,7 +77,7 @@ class Scan:
     def heights(self, m: float | Floats | None = None) -> Floats:
         """-2 log L, shape (shapes, c_e)."""
         squares = self.squares if m is None else self.squares + self.lever * (m - self.m) ** 2
-        return self.pressed + (squares if self.known else self.n * np.log(squares / self.n + MODEL_ERROR**2))
+        return self.pressed + minus2_of(squares, self.n, self.known)
 
     def at_slope(self, s: float) -> Floats:
         """-2 log L where s = 2 (k + 1)/q + m is given."""
@@ -109,10 +109,11 @@ class LawLikelihood:
 
     def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
         o, self.known, self._scans = observations, known, dict[tuple[float, str], Scan]()
-        self.observations, self._windows, self._single = o, o.by_window(), np.flatnonzero(o.run < 0)
-        self._runs = [np.flatnonzero(o.run == k) for k in range(int(o.run.max(initial=-1)) + 1)]
+        self.observations, self._windows, (self._single, self._runs) = o, o.by_window(), runs_of(o)
         self.n = len(self._single) + len(self._runs)
-        self._weight = self._means(o.velocity / o.sigma) if known else np.ones(self.n)
+        self._weight = (
+            means_of_runs(o.velocity / o.sigma, self._single, self._runs) if known else np.ones(self.n)
+        )
         mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
         columns = np.empty((self.n, 0))
         if mixed is not None:  # their part of the rows' covariance, over that of the scatter
@@ -123,8 +124,7 @@ class LawLikelihood:
         self.log_velocity = self.whitened(np.log(o.velocity))
         self.ones, self.log_force = self.whitened(np.ones(len(o.force))), self.whitened(np.log(o.force))
         self._level = self.ones / np.linalg.norm(self.ones)
-        slope = self.log_force
-        slope = slope - self._level * (self._level @ slope)
+        slope = self.log_force - self._level * (self._level @ self.log_force)
         self._lever = float(slope @ slope)
         refuse(
             len(np.unique(o.force)) < 3,
@@ -138,12 +138,8 @@ class LawLikelihood:
 
     def whitened(self, rows: Floats) -> Floats:
         """The runs' means, made independent and of one scatter. Last axis: rows, then runs."""
-        means = self._means(rows) * self._weight
+        means = means_of_runs(rows, self._single, self._runs) * self._weight
         return np.asarray(means - (means @ self._basis * self._shrink) @ self._basis.T)
-
-    def _means(self, rows: Floats) -> Floats:
-        means = [rows[..., at].mean(axis=-1, keepdims=True) for at in self._runs]
-        return np.concatenate([rows[..., self._single], *means], axis=-1)
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -207,8 +203,7 @@ class LawLikelihood:
         if not n:
             return np.zeros(len(c_e))
         r = replace(self.observations, force_exponent=q).pressed_residuals(c_e, self.pressed_known)
-        S = np.sum(r**2, axis=1)
-        return np.asarray(S if self.pressed_known else n * np.log(S / n + MODEL_ERROR**2))
+        return minus2_of(np.sum(r**2, axis=1), n, self.pressed_known)
 
     def pressed_exponent(self) -> tuple[float, float]:
         """q by the indentation alone, and its standard error."""
@@ -256,9 +251,11 @@ class LawLikelihood:
         if len(o.pressed):
             predicted, own = self._predicted_presses(law, c_e)
             n_parameters += own
-            of_press = np.log(o.pressed / predicted)
-            if self.pressed_known:
-                of_press = (o.pressed - predicted) / o.pressed_sigma
+            of_press = (
+                (o.pressed - predicted) / o.pressed_sigma
+                if self.pressed_known
+                else np.log(o.pressed / predicted)
+            )
             errors.append((of_press, self.pressed_known))
         rows, height = [], 0.0
         for residuals, is_known in errors:
@@ -286,8 +283,7 @@ class LawLikelihood:
 
     def height(self, r: Floats) -> float:
         """-2 log L of the velocities' residuals."""
-        squares = float(r @ r)
-        return squares if self.known else self.n * float(np.log(squares / self.n + MODEL_ERROR**2))
+        return float(minus2_of(r @ r, self.n, self.known))
 
     @cached_property
     def tells_q(self) -> bool:
@@ -310,15 +306,10 @@ class LawLikelihood:
         )
         if self.known:
             return concluded("any law", S, (max(self.n - 3, 1),), text)
-        columns = np.stack([o.force, o.radius, *o.window], axis=1)
-        at = np.unique(columns, axis=0, return_inverse=True)[1].ravel()
-        count, y = np.bincount(at), np.log(o.velocity)
-        pure = float(np.sum((y - (np.bincount(at, y) / count)[at]) ** 2))
-        above, below = len(count) - 3, len(y) - len(count)
-        if above < 1 or below < 1 or pure == 0:
-            return None
-        F = max(S - pure, 0.0) / above / (pure / below)
-        return concluded("any law", F, (above, below), text)
+        F, freedom = against_repeats(
+            S, np.log(o.velocity), np.stack([o.force, o.radius, *o.window], axis=1), 3
+        )
+        return concluded("any law", F, freedom, text) if freedom else None
 
     @property
     def pressed_freedom(self) -> int:
@@ -341,20 +332,21 @@ def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]
         inside = np.flatnonzero(rise - rise[best] <= limit)
         ends: list[float | None] = []
         for at, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-            if not 0 <= beyond < len(grid):
+            if 0 <= beyond < len(grid):
+                part = (limit - (rise[at] - rise[best])) / (rise[beyond] - rise[at])
+                ends.append(float(grid[at] + part * (grid[beyond] - grid[at])))
+            else:
                 ends.append(least if beyond < 0 else None)
-                continue
-            part = (limit - (rise[at] - rise[best])) / (rise[beyond] - rise[at])
-            ends.append(float(grid[at] + part * (grid[beyond] - grid[at])))
         intervals[level] = Interval(*ends)
     return Exponent(name, value, intervals, grid, rise - rise[best], dict(limits))
 
 
-Height: TypeAlias = Callable[[float], float]
-
-
 def _profiled(
-    name: str, about: tuple[float, float], height: Height, limits: Mapping[str, float], steps: int = _STEPS
+    name: str,
+    about: tuple[float, float],
+    height: Callable[[float], float],
+    limits: Mapping[str, float],
+    steps: int = _STEPS,
 ) -> Exponent:
     """An exponent over a grid about a value and its rough error, made wider until it holds the widest limit."""
     value, half = about
@@ -411,8 +403,11 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         found["m"] = _profiled(
             "m", (m, 4 * _SIDE * error), lambda m: min(float(x.heights(m).min()) for x in by_q), widest
         )
-        of_k = likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values()))
-        found["k"] = _exponent("k", *of_k, widest)
+        found["k"] = _exponent(
+            "k",
+            *likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values())),
+            widest,
+        )
     lack = likelihood.lack_of(scans)
     return {name: _told(found[name], lack) for name in ("s", "q", "m", "k") if name in found}, lack
 
@@ -443,8 +438,9 @@ def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[H
             [likelihood.scan(x, law.shape).heights(law.rate_exponent).min() for x in grid.tolist()]
         )
         text = f"Another q ({grid[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
-        rise = height - float(heights.min())
-        tests.append(likelihood.test("q free", rise, text, likelihood.pressed_freedom))
+        tests.append(
+            likelihood.test("q free", height - float(heights.min()), text, likelihood.pressed_freedom)
+        )
     return tuple(tests)
 
 
@@ -548,12 +544,18 @@ def compare_laws(
     report_progress, steps = counter(progress, "laws"), 2 * len(named) + 1
     options: dict[str, Any] = {"residuals": residuals, "groups": groups}
     first = _first_fit(data, burr, named, options)
-    fits: dict[str, Fit] = {}
-    if first.observations.groups:  # the best law's effects
-        fits = {name: fit(data, burr, law=law, **options) for name, law in named.items() if law}
+    fits = {
+        name: fit(data, burr, law=law, **options)
+        for name, law in named.items()
+        if law and first.observations.groups
+    }
+    # the best law's
     effects = min(fits.values(), key=lambda x: x.aic) if fits else None
-    o = replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0)
-    likelihood = LawLikelihood(o, residuals == "sigma", effects)
+    likelihood = LawLikelihood(
+        replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0),
+        residuals == "sigma",
+        effects,
+    )
     report_progress(1, steps)
     points, tests = {}, {}
     for name, law in named.items():
@@ -612,13 +614,14 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
         f"laws must be several of Law, or names: got {shown(laws)}",
         TypeError,
     )
-    listed = [laws] if isinstance(laws, str | Law) else list(laws)
     named: dict[str, Law | None] = {}
-    for law in listed:
+    for law in [laws] if isinstance(laws, str | Law) else laws:
         law = law if isinstance(law, str) else Law.of(law)
         name = law if isinstance(law, str) else str(law)
-        unknown = isinstance(law, str) and name not in LAWS
-        refuse(unknown, f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}")
+        refuse(
+            isinstance(law, str) and name not in LAWS,
+            f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}",
+        )
         refuse(name in named, f"laws must be given once each: got {name!r} twice")
         named[name] = LAWS[law] if isinstance(law, str) else law
     refuse(not named, "laws must hold one law or more: got none")

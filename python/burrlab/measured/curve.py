@@ -281,9 +281,9 @@ class VelocityCurve(TableData):
         curves = {}
         for label in dict.fromkeys(self.groups[name]):
             rows = [row for row, other in enumerate(self.groups[name]) if other == label]
-            columns = {key: [x[row] for row in rows] for key, x in self._columns().items()}
             curves[label] = VelocityCurve(
-                **columns, radius=self.radius, provenance=self.provenance,
+                **{key: [x[row] for row in rows] for key, x in self._columns().items()},
+                radius=self.radius, provenance=self.provenance,
                 groups={key: [x[row] for row in rows] for key, x in self.groups.items() if key != name},
                 source=f"{self.source}, {name} {label}".removeprefix(", "),
             )  # fmt: skip
@@ -292,8 +292,9 @@ class VelocityCurve(TableData):
     @property
     def ok(self) -> NDArray[np.bool_]:
         """Usable rows: with a velocity, and with a status of "ok", "" or none. Shape (n,)."""
-        fine = [text in ("", "ok") for text in self.status or len(self) * ("",)]
-        return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
+        return np.isfinite(self.velocity) & np.array(
+            [text in ("", "ok") for text in self.status or len(self) * ("",)], dtype=np.bool_
+        )
 
     @drawing
     def plot(self, ax: "Axes | None" = None, *, log: bool = False, **style: Any) -> "Axes":
@@ -310,10 +311,10 @@ class VelocityCurve(TableData):
         """
         ax = axes_or_new(ax)
         ok = self.ok
-        force, velocity = self.force[ok], self.velocity[ok]
+
         sigma = None if self.sigma is None else self.sigma[ok]
         style = next_look(ax, style, color="black", marker="s")
-        plot_points(ax, force, velocity, sigma, style, table.data_label(self.source))
+        plot_points(ax, self.force[ok], self.velocity[ok], sigma, style, table.data_label(self.source))
         slow = np.array([text == TOO_SLOW for text in self.status or ()], dtype=np.bool_)
         if self.limit is not None and slow.any():
             ax.plot(self.force[slow], self.limit[slow], "v", color=style["color"], mfc="none", ms=4, mew=0.8,

@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, Any, ClassVar, TypeAlias
+from typing import IO, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -23,8 +23,9 @@ from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 def _labels_in(layout: TableLayout) -> dict[str, str]:
     """Labels of a run in the comments of its file."""
     try:
-        labels = json.loads(layout.comments.get("groups", "{}"))
-        return {str(name): str(label) for name, label in labels.items()}
+        return {
+            str(name): str(label) for name, label in json.loads(layout.comments.get("groups", "{}")).items()
+        }
     except (ValueError, AttributeError, RecursionError):
         raise ValueError(
             f'{layout.name}: groups in the comments must be JSON, such as {{"day": "3 May"}}: got '
@@ -289,8 +290,11 @@ class DepthTrace(TableData):
         """
         ax = axes_or_new(ax)
         segments = self.segments(n)
-        look = styled(style, color=POSITION, linewidth=1.2, label=table.data_label(self.source))
-        ax.plot(self.time, self.immersion, **look)
+        ax.plot(
+            self.time,
+            self.immersion,
+            **styled(style, color=POSITION, linewidth=1.2, label=table.data_label(self.source)),
+        )
         level = rising(self.immersion)
         for i, (start, end) in enumerate(zip(segments.start_mm, segments.end_mm, strict=True)):
             rows = samples_between(level, start, end)
@@ -316,8 +320,6 @@ class DepthTrace(TableData):
             "samples in window": [len(self.time[samples_between(self.immersion, self.start_mm, self.end_mm)])],
         })  # fmt: skip
 
-
-Counts: TypeAlias = NDArray[np.int64]
 
 #: Fewest samples in a segment: three for the quadratic and three for its residuals (ours).
 FEWEST_SAMPLES = 6
@@ -345,7 +347,7 @@ class TraceSegments:
     end_mm: Floats
     velocity: Floats
     log_sigma: Floats
-    samples: Counts
+    samples: NDArray[np.int64]
 
     def __post_init__(self) -> None:
         for values in vars(self).values():

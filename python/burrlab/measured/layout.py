@@ -294,9 +294,8 @@ class TableLayout:
         """What is wrong with the columns at these places, each of which may be repeated so often."""
         keys = list(map(_key, headings))
         if self.common_unit and not self.common_unit.keys() & places.keys():
-            unit = next(iter(self.common_unit.values()))
             used = ", ".join(headings[i] for indices in places.values() for i in indices)
-            yield f"unit must be one that a column can have ({used}): got {unit!r}"
+            yield f"unit must be one that a column can have ({used}): got {next(iter(self.common_unit.values()))!r}"
         for column, indices in places.items():
             if len(indices) != repeats and (len(indices) > 1 or self.table.named[column].optional):
                 yield f"columns of {column} must be {repeats} or none: got {', '.join(headings[i] for i in indices)}"
@@ -365,9 +364,10 @@ class TableLayout:
         """With the note of what was read, `ending`, and what was passed over and kept apart."""
         self.take_groups()
         parts = [f"{name} from {heading}" for name, heading in self.group_headings.items()]
-        for column in self.columns:
-            unit = f" in {self.units[column]}" if column in self.units else ""
-            parts.append(f"{column} from {self.table.named[column].heading}{unit}")
+        parts += [
+            f"{name} from {self.table.named[name].heading}{f' in {self.units[name]}' if name in self.units else ''}"
+            for name in self.columns
+        ]
         passed = ", ".join(f"{what} ({n})" for what, n in self.skipped.items() if n)
         ending += f"; passed over: {passed}" if passed else ""
         self.note = ", ".join(parts) + ending + (f"; {_apart(self.others)}" if self.others else "")

@@ -231,8 +231,9 @@ def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Float
     _check_not_negative("scatter", scatter)
     if scatter > 1:
         warnings.warn(f"scatter = {scatter:g} is {100 * scatter:g} %; 8 % is 0.08", stacklevel=3)
-    places = np.ndindex(len(values), repeats)
-    z = np.array([np.random.default_rng([seed, *place]).standard_normal() for place in places])
+    z = np.array([
+        np.random.default_rng([seed, *place]).standard_normal() for place in np.ndindex(len(values), repeats)
+    ])  # fmt: skip
     return np.repeat(values, repeats) * np.exp(scatter * z)
 
 

@@ -287,8 +287,10 @@ class Coverage:
         )
 
     def _repr_html_(self) -> str:
-        apart = f"separately identified: {self.separately_identified}"
-        return f"<p><b>{escape(self._head())}</b></p>{html_table(self.rows())}<p>{escape(apart)}</p>"
+        return (
+            f"<p><b>{escape(self._head())}</b></p>{html_table(self.rows())}"
+            f"<p>separately identified: {escape(str(self.separately_identified))}</p>"
+        )
 
     def _head(self) -> str:
         return (
@@ -346,9 +348,11 @@ def replicate(item: CoverageItem) -> Floats:
     o = template.observations
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
     n = len(o.force)
-    velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
-    pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    rows = replace(o, velocity=velocity, pressed=pressed)
+    rows = replace(
+        o,
+        velocity=item.alpha * unit * np.exp(item.scatter * z[:n]),
+        pressed=item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:]),
+    )
     return _judged(template.of_rows(rows, template.model), domain, item)
 
 
@@ -374,8 +378,9 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
 
     plain = Likelihood(o, "relative", MeanFieldModel(o, item.law.shape))
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
-    shifts = np.zeros(sum(len(x.group.levels) for x in components))
-    true = MixedLikelihood(plain, components, point, shifts, scatter2, effect2)
+    true = MixedLikelihood(
+        plain, components, point, np.zeros(sum(len(x.group.levels) for x in components)), scatter2, effect2
+    )
     rows = redrawn_effects(o, true, point, {}, random)
     components = tuple(component.of_rows(rows) for component in components)
     fitted, domain, _ = fitted_again(plain.of_rows(rows), components, point)
@@ -397,11 +402,8 @@ def _judged(likelihood: Likelihood, domain: Domain, item: CoverageItem) -> Float
     evidence = ranges(likelihood, calibration, domain, best, item.law.ridge_exponent)
     tables = (evidence.intervals["c_e"], evidence.intervals["alpha"], evidence.identified.intervals)
     ends = [
-        (
-            0.0 if interval.lower is None else interval.lower,
-            np.inf if interval.upper is None else interval.upper,
-        )
-        for interval in (table[level] for table in tables for level in LEVELS)
+        (0.0 if x.lower is None else x.lower, np.inf if x.upper is None else x.upper)
+        for x in (table[level] for table in tables for level in LEVELS)
     ]
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - evidence.base, float(at.minus2(item.alpha)[0]) - evidence.base]
@@ -524,8 +526,13 @@ def coverage_study(
     if groups or uncertain:
         offsets = tuple((uncertain or {}).items())
         components_of(mixed_rows(experiment, groups, law), dict(offsets))  # refuses what no window allows
-        mixed = [MixedCoverageItem(item, groups, offsets) for item in items]
-        columns = run_fits(mixed_replicate, mixed, executor, store, progress)
+        columns = run_fits(
+            mixed_replicate,
+            [MixedCoverageItem(item, groups, offsets) for item in items],
+            executor,
+            store,
+            progress,
+        )
     else:
         columns = run_fits(replicate, items, executor, store, progress)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)

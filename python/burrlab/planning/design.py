@@ -151,11 +151,10 @@ class Design:
             text = None if i else "static pairs"
             ax.axhline(area, color=REFERENCE, linewidth=1.2, linestyle="--", label=text)
         ax.axhline(1.0, color=REFERENCE, linewidth=0.8, linestyle=":")
-        top = max(candidate.area_ratio for candidate in self.rows)
         ax.set(
             xlabel="force [N]",
             ylabel="area of the 95 % region, new / old [1]",
-            ylim=(0, 1.08 * max(top, 1.0)),
+            ylim=(0, 1.08 * max(max(candidate.area_ratio for candidate in self.rows), 1.0)),
         )
         if not velocities:
             ax.set_xticks([])
@@ -351,8 +350,13 @@ def design(
             log_force, offset2 = offsets.outcome(
                 static_radius, partial(_log_force, fit, grid, h, static_radius)
             )
-            pairs = NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2)
-            static_pairs = _candidate(grid, truth, log_force, pairs, static_radius)
+            static_pairs = _candidate(
+                grid,
+                truth,
+                log_force,
+                NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2),
+                static_radius,
+            )
         candidates.append(replace(static_pairs, depth=h))
         report_progress(len(candidates), total)
     return Design(

@@ -260,14 +260,15 @@ def _between(
     unit = next(
         (x.group for x in estimated if x.quantity == "c_e"), estimated[-1].group if estimated else "specimen"
     )
-    variance = dict.fromkeys(names, 0.0)
-    for effect in (x for x in estimated if x.group == unit):
-        variance[effect.quantity] += float(effect.deviation or 0.0) ** 2
     refuse(
         between is None and not estimated,
         "between must be given, such as {'alpha': 0.1}: the fit knows no specimens or days",
     )
-    deviations = {name: variance[name] ** 0.5 for name in names}
+    of_unit = [x for x in estimated if x.group == unit]
+    deviations: dict[str, float] = {
+        name: sum(float(x.deviation or 0.0) ** 2 for x in of_unit if x.quantity == name) ** 0.5
+        for name in names
+    }
     for name, value in (between or {}).items():
         refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
         refuse(
@@ -276,17 +277,14 @@ def _between(
         )
         deviations[name] = float(value)
     up_to = {
-        x.quantity: x.interval.upper
-        for x in estimated
-        if x.interval and x.group == unit and x.quantity not in (between or {})
+        x.quantity: x.interval.upper for x in of_unit if x.interval and x.quantity not in (between or {})
     }
     return unit, deviations, up_to
 
 
 def _in_turn(force: Floats, n: int) -> Floats:
     """n forces: all of them in turn, or some that are spread over them."""
-    few = force[np.linspace(0, len(force) - 1, min(n, len(force))).round().astype(int)]
-    return np.resize(few, n)
+    return np.resize(force[np.linspace(0, len(force) - 1, min(n, len(force))).round().astype(int)], n)
 
 
 def _power(
@@ -300,16 +298,19 @@ def _power(
     within: float,
 ) -> float:
     """Probability that a comparison of given size finds the difference."""
-    likelihoods, labels = [], np.repeat(np.arange(n), len(force)).astype(str)
-    for drill in ("A", "B"):
-        names = labels if way == "paired" else np.char.add(drill, labels)
-        curve = VelocityCurve(
-            np.tile(force, n), np.ones(n * len(force)), radius=fit.radius, groups={unit: names}
+    labels = np.repeat(np.arange(n), len(force)).astype(str)
+    curves = [
+        VelocityCurve(
+            np.tile(force, n),
+            np.ones(n * len(force)),
+            radius=fit.radius,
+            groups={unit: labels if way == "paired" else np.char.add(drill, labels)},
         )
-        o = Observations.of([curve], None, None, fit.law)
-        likelihoods.append(Likelihood(o, "relative", MeanFieldModel(o, fit.shape)))
-    points = [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)]
-    model = JointModel(likelihoods, points, ())
+        for drill in ("A", "B")
+    ]
+    rows = [Observations.of([curve], None, None, fit.law) for curve in curves]
+    likelihoods = [Likelihood(o, "relative", MeanFieldModel(o, fit.shape)) for o in rows]
+    model = JointModel(likelihoods, [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)], ())
 
     def calibration(difference2: float) -> MixedCalibration:
         """At a variance of the drills' difference."""

@@ -10,7 +10,7 @@ import numpy as np
 from burrlab.common.check import refuse
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter, covariance_of
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.linear import OFFSETS, slope_of
 from burrlab.fitting.mixed import MixedEffect, MixedLikelihood
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
@@ -62,8 +62,9 @@ class NewData:
             replace(s, parameters=float(np.trace(inverse @ part)))
             for s, part in zip(old.scatters, old.shares, strict=True)
         )
-        shares = np.concatenate([old.shares, share[None]])
-        return replace(old, scatters=(*scatters, new), total=total, shares=shares)
+        return replace(
+            old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
+        )
 
 
 class SharedOffsets:
@@ -113,16 +114,13 @@ class SharedOffsets:
         offsets of the fit.
         """
         known = self.known(radius)
-        middle = log_outcome(known)
-        variance: Floats = np.zeros((1, 1))
-        mean, slopes = middle, []
+        mean = middle = log_outcome(known)
+        variance, slopes = np.zeros((1, 1)), []
         for name, deviation in self.deviations.items():
             shared = name in known
             step = self.shared[name].errors[0] if shared else deviation
             up, down = (log_outcome(known | {name: known.get(name, 0.0) + by}) for by in (step, -step))
-            lost = np.isnan(up) | np.isnan(down)  # a window ends there: from one side
-            change = np.where(np.isnan(up), middle, up) - np.where(np.isnan(down), middle, down)
-            slope = change / (step * np.where(lost, 1.0, 2.0))
+            slope = slope_of(middle, up, down, step)
             variance = variance + (0.0 if shared else (deviation * slope) ** 2)
             if name in self.shared:
                 slopes.append(slope * shared)
@@ -164,12 +162,12 @@ class RegionGrid:
             any(x.quantity in ("c_e", "alpha") and x.interval is None for x in fit.effects),
             "a design needs a fit of one c_e and one alpha: whose would new data share?",
         )
-        (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
-        domain = Domain.of(fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), fit.given_bounds)
+        box = Box(*zip(fit.bounds["c_e"], fit.bounds["alpha"], strict=True))
+        domain = Domain.of(fit.likelihood, box, fit.given_bounds)
         limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
         # the truth itself stays possible, so no point of a new region is higher than this
         reach = limit + farthest
-        end = min(domain.high, high)
+        end = min(domain.high, box.upper[0])
         c_e = np.geomspace(domain.low, end, _COARSE)
         for _ in range(_ZOOMS):
             c_e = np.unique(np.append(c_e, np.clip(fit.c_e, c_e[0], c_e[-1])))
@@ -206,12 +204,12 @@ class RegionGrid:
 
         The draw is systematic, in the order of c_e: each point stands for the same weight.
         """
-        across = np.gradient(self.log_alpha, axis=1)
-        weight = np.exp(-self.minus2 / 2) * across * self.width[:, None]
+        weight = np.exp(-self.minus2 / 2) * np.gradient(self.log_alpha, axis=1) * self.width[:, None]
         weight[self.minus2 > self.farthest] = 0.0
         total = np.cumsum(weight)
-        places = np.searchsorted(total, (np.arange(n) + random.random()) / n * total[-1])
-        row, column = np.unravel_index(places, weight.shape)
+        row, column = np.unravel_index(
+            np.searchsorted(total, (np.arange(n) + random.random()) / n * total[-1]), weight.shape
+        )
         return row, column
 
     def after(self, log_outcome: Floats, new: NewData, truth: tuple[Rows, Rows]) -> NewRegion:
@@ -241,24 +239,27 @@ class RegionGrid:
 
     def below(self, ceiling: float) -> NewRegion:
         """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
-        table = np.where(self.log_c_e[:, None] >= np.log(ceiling), _EXCLUDED, self.minus2)[None]
-        return self._region(table, _limits(self.calibration), self.high_hard or ceiling < np.inf)
+        return self._region(
+            np.where(self.log_c_e[:, None] >= np.log(ceiling), _EXCLUDED, self.minus2)[None],
+            _limits(self.calibration),
+            self.high_hard or ceiling < np.inf,
+        )
 
     def _region(self, table: Floats, limits: tuple[float, float], high_hard: bool) -> NewRegion:
         """Of tables of -2 log L, shape (t, m, a)."""
         profile = table.min(axis=2)
         base = profile.min(axis=1)
         table -= base[:, None, None]
-        log_area = np.log(self._area(table, limits[0]))
-        return NewRegion(log_area, self._ratio(profile - base[:, None], limits[1], high_hard))
+        return NewRegion(
+            np.log(self._area(table, limits[0])), self._ratio(profile - base[:, None], limits[1], high_hard)
+        )
 
     def _area(self, rise: Floats, limit: float) -> Floats:
         """Area where the rise is below its limit, between the columns by linear interpolation."""
         left, right = rise[..., :-1], rise[..., 1:]
         low = np.minimum(left, right)
         part = np.clip((limit - low) / (np.abs(left - right) + 1e-12), 0.0, 1.0)
-        lengths = np.einsum("tma,ma->tm", part, np.diff(self.log_alpha, axis=1))
-        return np.asarray(lengths @ self.width)
+        return np.asarray(np.einsum("tma,ma->tm", part, np.diff(self.log_alpha, axis=1)) @ self.width)
 
     def _ratio(self, rise: Floats, limit: float, high_hard: bool) -> Floats:
         inside = rise <= limit
@@ -304,8 +305,6 @@ def _columns(
     # a row out of reach keeps a width, so that its columns stay in order
     low, high = (end / core for end in reached(reach))
     ends = np.arcsinh(np.minimum(low, -1e-3)), np.arcsinh(np.maximum(high, 1e-3))
-    columns = 1 + int(np.ceil(np.max(ends[1] - ends[0]) / _STEP))
-    t = np.linspace(*ends, columns, axis=1)
+    t = np.linspace(*ends, 1 + int(np.ceil(np.max(ends[1] - ends[0]) / _STEP)), axis=1)
     log_alpha = best[:, None] + core * np.sinh(t)
-    minus2 = np.stack([slices.minus2(column) for column in np.exp(log_alpha).T], axis=1)
-    return log_alpha, minus2
+    return log_alpha, np.stack([slices.minus2(column) for column in np.exp(log_alpha).T], axis=1)

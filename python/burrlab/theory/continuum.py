@@ -199,16 +199,21 @@ class MeanFieldDescent:
             stop > end * (1 + 1e-9),
             f"stop_mm must not lie beyond the descent's end, {end:g} mm, got {stop:g}",
         )
-        if start >= stop:
-            return float("nan")
-        return _core.window_velocity(self.time, self.immersion, start, min(stop, end))
+        return (
+            float("nan")
+            if start >= stop
+            else _core.window_velocity(self.time, self.immersion, start, min(stop, end))
+        )
 
     @drawing
     def plot(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
         """Draws immersion over time; returns the Axes. `style`: label, color and so on of the line."""
         ax = axes_or_new(ax)
-        label = f"{self.material.name}, {self.force:g} N, mean-field"
-        ax.plot(self.time, self.immersion, **styled(style, color=POSITION, label=label))
+        ax.plot(
+            self.time,
+            self.immersion,
+            **styled(style, color=POSITION, label=f"{self.material.name}, {self.force:g} N, mean-field"),
+        )
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
         return ax
 
@@ -486,9 +491,12 @@ def penetration_velocity(
     array([0.0203, 0.0787, 0.4994, 2.8161])
     """
     require_tool(burr, material)
-    window = [None if end is None else end / burr.radius for end in (start_mm, stop_mm)]
     return Law.of(material).velocity(
-        positive("force", force), material.c_e, material.alpha, burr.radius, *window
+        positive("force", force),
+        material.c_e,
+        material.alpha,
+        burr.radius,
+        *[None if end is None else end / burr.radius for end in (start_mm, stop_mm)],
     )
 
 

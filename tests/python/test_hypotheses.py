@@ -119,8 +119,7 @@ class TestIndentation:
             pressed = synthetic_indentation(BURR, BONE, self.DEPTHS[::2], scatter=0.05, seed=seed + n)
             pressed = with_sigma(replace(pressed, force=stiffer * pressed.force), 0.05)
             found = fit([curve, pressed], residuals=residuals)
-            test = against_indentation(found.likelihood, (found.c_e, found.alpha))[0]
-            p[stiffer].append(test.p_value)
+            p[stiffer].append(against_indentation(found.likelihood, (found.c_e, found.alpha))[0].p_value)
             if stiffer > 1:
                 assert found.status == "poor-fit", found.verdict
                 assert "the indentation" in found.verdict

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import refusal, said
 from fit_scenes import BONE, BURR
+from session_scenes import refused
 
 import burrlab
 from burrlab.measured.curve import VelocityCurve
@@ -39,8 +40,7 @@ def filled(sheet, seed, *, ratio=0.9, between=0.1, of_c_e=0.0, difference=0.0, w
 
 
 def differ(curve):
-    fits = [burrlab.fit(x, plausible=None) for x in curve.split("drill").values()]
-    return burrlab.compare(*fits).pairs[0]
+    return burrlab.compare(*[burrlab.fit(x, plausible=None) for x in curve.split("drill").values()]).pairs[0]
 
 
 def test_power_grows_with_what_helps(tmp_path):
@@ -57,8 +57,13 @@ def test_power_grows_with_what_helps(tmp_path):
     known = burrlab.fit(replace(data, sigma=0.05 * data.velocity), residuals="sigma")
     options = {"specimens": [6], "runs": [8], "between": {"alpha": 0.1}}
     assert burrlab.compare_power(known, **options).within == pytest.approx(0.05)
-    with pytest.raises(ValueError, match="within must be given: a fit of absolute residuals"):
-        burrlab.compare_power(burrlab.fit(data, residuals="absolute"), **options)
+    absolute = burrlab.fit(data, residuals="absolute")
+    refused(
+        (
+            lambda: burrlab.compare_power(absolute, **options),
+            "within must be given: a fit of absolute residuals",
+        )
+    )
     assert "is seen in 80 % with 6 specimens and 6 runs of each drill in each" in repr(study)
     assert "by none of these" in study.verdict
     study.to_json(tmp_path / "study.json")
@@ -154,8 +159,7 @@ def test_command(tmp_path, capsys):
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, match):
-    with pytest.raises(error, match=match):
-        call()
+    refused((call, match, error))
 
 
 @pytest.mark.slow

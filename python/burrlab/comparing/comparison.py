@@ -169,7 +169,12 @@ class Comparison(InJson, Tabulated):
                 ]
                 for quantity, ratio in self._named_ratios(pair).items()
             ]
-            corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
+            corrected = (
+                f" Corrected for {len(self.pairs)} pairs, where they {'differ' if pair.differ else 'can be of one material'}: "
+                f"{p_text(pair.p_differ)}."
+                if len(self.pairs) > 1
+                else ""
+            )
             notes += [
                 f"{pair_text}: {pair.joint.sentence}{corrected}",
                 f"{pair_text}: {self._velocity(pair)}",

@@ -135,9 +135,14 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     fitted = item.evidence.likelihood(plain, point)
     told = {x.quantity: x.values for x in item.evidence.effects if x.deviation is None}
     redrawn = _redrawn_levels(item, random) if item.group else redrawn_effects(o, fitted, point, told, random)
-    again, domain, end = fitted_again(
-        plain.of_rows(redrawn), [component.of_rows(redrawn) for component in fitted.components], point
+    components = [component.of_rows(redrawn) for component in fitted.components]
+    told_values = dict(zip(("c_e", "alpha"), point, strict=True))
+    beliefs = tuple(
+        (name, told_values[name] * float(np.exp(deviation * random.standard_normal())), deviation)
+        for name, _, deviation in item.beliefs
     )
+    rows = Likelihood(redrawn, item.residual_kind, MeanFieldModel(redrawn, item.shape), beliefs)
+    again, domain, end = fitted_again(rows, components, point)
     places = minima(again, domain)
     return places[0].point if places else end
 

@@ -374,9 +374,8 @@ def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
 
 
 def rms_off(likelihood: Likelihood, point: Point) -> float:
-    """RMS of the logarithm of velocity over prediction at a point."""
-    predicted = point[1] * likelihood.model.unit(point[0]) * np.exp(likelihood.own_alpha)
-    return float(np.sqrt(np.mean(np.log(likelihood.observations.velocity / predicted) ** 2)))
+    """RMS of the logarithm of velocity over prediction at a point, of each day and specimen by its own values."""
+    return float(np.sqrt(np.mean(likelihood.off_curve(*point) ** 2)))
 
 
 def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:

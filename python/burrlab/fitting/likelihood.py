@@ -78,9 +78,15 @@ class MeanFieldModel:
         """See `Model`."""
         return MeanFieldModel(observations, self.shape)
 
-    def unit(self, c_e: ArrayLike) -> Floats:
-        """See `Model`."""
-        return np.ascontiguousarray(self._rows(c_e, np.asarray))
+    def unit(self, c_e: ArrayLike, own: Floats | None = None) -> Floats:
+        """See `Model`; `own` is ln c_e of each row over that of all, shape (len(c_e), rows)."""
+        if own is None:
+            return np.ascontiguousarray(self._rows(c_e, np.asarray))
+        velocities = np.empty(own.shape)
+        for start, end, pressure, scales, rows, inverse in self._groups:
+            phi = self.law.master_phi(pressure[inverse] / (np.asarray(c_e)[:, None] * np.exp(own[:, rows])))
+            velocities[:, rows] = scales[inverse] * self._curve.velocity_ratio(phi, start, end)
+        return velocities
 
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
@@ -296,6 +302,10 @@ class Likelihood:
         total, scatters, shares = self.information(c_e, alpha)
         return Calibration(scatters, total, shares)
 
+    def off_curve(self, c_e: float, alpha: float) -> Floats:
+        """Logarithm of each row's velocity over its prediction; of rows that share effects, with these."""
+        return np.asarray(np.log(self.observations.velocity / (alpha * self.model.unit(c_e))))
+
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
         """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""
         o = self.observations
@@ -322,13 +332,19 @@ class Likelihood:
         ]
         return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
 
-    def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
-        """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
-        unit, o = self.model.unit(c_e), self.observations
+    def residuals(
+        self, c_e: ArrayLike, alpha: float, own: tuple[Floats, Floats] | None = None
+    ) -> list[tuple[str, bool, Floats, int]]:
+        """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter.
+
+        `own` is ln c_e of velocity rows and pressed rows over c_e, each of shape (len(c_e), rows).
+        """
+        unit, o = self.model.unit(c_e, *(own or ())[:1]), self.observations
+        pressed = o.pressed_residuals(c_e, self.pressed_known, *(own or ())[1:])
         tables = [
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
             ("segments", False, self.within_residuals(unit), self.n_within),
-            ("force", self.pressed_known, o.pressed_residuals(c_e, self.pressed_known), len(o.pressed)),
+            ("force", self.pressed_known, pressed, len(o.pressed)),
             ("known", True, self._belief_residuals(c_e, alpha), len(self.beliefs)),
         ]
         return [table for table in tables if table[3]]

@@ -296,9 +296,11 @@ class Slopes:
             for rows in tables
         ]
 
-    def at(self, c_e: ArrayLike, residuals: Sequence[Floats]) -> list[Floats]:
+    def at(
+        self, c_e: ArrayLike, residuals: Sequence[Floats], own: tuple[Floats, Floats] | None = None
+    ) -> list[Floats]:
         """Of each scatter, shape of c_e and (rows,); `residuals` are those at c_e and alpha = 1."""
-        above, below = (beside.residuals(c_e, 1.0) for beside in self.beside)
+        above, below = (beside.residuals(c_e, 1.0, own) for beside in self.beside)
         return [
             slope_of(r, up, down, step)
             for r, step, (_, _, up, _), (_, _, down, _) in zip(

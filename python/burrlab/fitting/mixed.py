@@ -40,6 +40,7 @@ from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
+_SOFTEST = 0.02  # ln c_e of a specimen over what its windows need, at least, where its rows are linear
 _WHOLE = 8  # of them, in whole steps
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
@@ -47,6 +48,9 @@ _MILLION = np.log(1e6)
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
+_STEPS, _NEAR = 3, 1e-5  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
+_SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
+_PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
@@ -96,6 +100,8 @@ def at_best_variances(
                     np.clip(unit * np.round(u / unit), *ends),
                     shifts[block],
                 )
+        lowest = _least_shifts(moved.observations, components, shifts) - np.log(point[0]) + _SOFTEST
+        beside = np.maximum(beside, EDGE * np.ceil(lowest / EDGE))
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
             hard = float(moved.observations.c_e_bounds().max())
@@ -106,6 +112,16 @@ def at_best_variances(
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def _least_shifts(moved: Observations, components: Sequence[Component], shifts: Floats) -> Floats:
+    """ln of the lowest c_e at which each specimen's rows have a window; -inf of other effects."""
+    least, bounds = np.full(len(shifts), -np.inf), np.log(moved.c_e_bounds())
+    for component, block in zip(components, blocks_of(components), strict=True):
+        if component.random_c_e:
+            rows = component.group.velocity >= 0
+            np.maximum.at(least[block], component.group.velocity[rows], bounds[rows])
+    return least + shifts
 
 
 def fitted_again(
@@ -298,9 +314,8 @@ class MixedLikelihood(Likelihood):
     def _at(self, stiffness: Floats) -> AlphaSlices:
         """A parabola over log alpha at each c_e, or several; the columns of offsets are those at each c_e."""
         with np.errstate(invalid="ignore"):
-            A, B, m, volume = np.array([self._parabola(stiffness, part) for part in self._parts]).swapaxes(
-                0, 1
-            )
+            tables = [self._parabola(stiffness, part)[0] for part in self._parts]
+            A, B, m, volume = np.array(tables).swapaxes(0, 1)
         if len(self._parts) == 1:
             return AlphaSlices(stiffness, A[0], B[0], m[0], np.zeros(len(stiffness)), self.n, True, 0.0, True)
         beyond = stiffness >= np.array([[part.likelihood.observations.ceiling] for part in self._parts])
@@ -325,43 +340,59 @@ class MixedLikelihood(Likelihood):
         -------
         ndarray, shape (m, a, k), and ndarray, shape (m, k, k)
         """
-        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole, 0.0)
+        shifts = self._parabola(c_e, self._whole)[1]
+        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole, shifts)
         mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
         return np.nan_to_num(mean), inner[:, columns][..., columns]
 
-    def _parabola(self, stiffness: Floats, part: "_Part") -> list[Floats]:
-        """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution.
+    def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[list[Floats], Floats]:
+        """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution; and the shifts.
 
-        Where c_e of all is another, specimens keep their own in part. Rows are linear about c_e that goes with that of
-        all, or about one that follows it as at the fit, whichever fits better.
+        Where c_e of all is another, specimens keep their own in part: their rows are linear about the best c_e that
+        they have there, found by Gauss-Newton steps from one that follows c_e of all as at the fit.
         """
-        tables = []
-        for follow in sorted({0.0, self._follow}):
-            rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part, follow)
-            drawn = (inner @ jZ[..., None])[..., 0]
-            rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
-            rj -= np.sum(drawn * rZ, axis=-1)
+        shifts, lowest = part.shifts + np.zeros((len(stiffness), 1)), -np.inf
+        if self._of_specimen.any():
+            own = np.log(stiffness)[:, None] * self._of_specimen
+            lowest = (
+                _least_shifts(part.likelihood.observations, self.components, part.shifts) + 2 * _SPAN - own
+            )
+            shifts += self._follow * (np.log(self.point[0]) * self._of_specimen - own)
+        for k in range(_STEPS):
+            shifts = np.maximum(shifts, lowest)
+            rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part, shifts)
+            undone, drawn = ((inner @ x[..., None])[..., 0] for x in (rZ, jZ))
             B = jj - np.sum(drawn * jZ, axis=-1)
-            m = -rj / B
-            tables.append([rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)])
-        better = tables[-1][0] < tables[0][0]
-        return [np.where(better, other, first) for first, other in zip(tables[0], tables[-1], strict=True)]
+            m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
+            steps = self._of_specimen * np.clip(
+                np.nan_to_num(-undone - m[:, None] * drawn - shifts), -0.5, 0.5
+            )
+            if np.abs(steps).max(initial=0.0) < _NEAR:
+                break
+            shifts = shifts + (steps if k < 2 else 0.5 * steps)
+        A = rr - np.sum(undone * rZ, axis=-1) - B * m**2
+        return [A, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)], shifts
 
     def _products(
-        self, stiffness: Floats, part: "_Part", follow: float
+        self, stiffness: Floats, part: "_Part", shifts: Floats
     ) -> tuple[Floats, Floats, float, Floats, Floats, Floats, Floats]:
         """Products of residuals r at alpha = 1, their derivative j by log alpha and the effects' columns Z: rr, rj,
-        jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it."""
-        equations, model, within = self.equations, self.linear, stiffness
-        if self._of_specimen.any():  # rows are taken where they have a window at their specimens' own c_e
-            hard = float(part.likelihood.observations.c_e_bounds().max()) * (1 + EDGE)
-            within = np.maximum(self.point[0] * (stiffness / self.point[0]) ** (1 - follow), hard)
-        tables = part.likelihood.residuals(within, 1.0)
-        residuals = [
-            self._belief_residuals(stiffness, 1.0) if name == "known" else r for name, _, r, _ in tables
-        ]
-        varying = {name: slopes.at(within, residuals) for name, slopes in part.slopes.items()}
-        shifts = part.shifts + self._of_specimen * np.log(within / stiffness)[:, None]
+        jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it.
+
+        Rows are those of `part`, and about c_e of specimens that `shifts` has, shape (len(stiffness), effects)."""
+        equations, model, own = self.equations, self.linear, None
+        if self._of_specimen.any():
+            velocity, pressed = own = self._own_c_e(shifts - part.shifts)
+            above, below = (
+                [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0, (velocity + by, pressed + by))]
+                for by in (_SPAN, -_SPAN)
+            )
+            residuals = [(up + down) / 2 for up, down in zip(above, below, strict=True)]
+        else:
+            residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
+        varying = {name: slopes.at(stiffness, residuals, own) for name, slopes in part.slopes.items()}
+        if own:
+            varying["c_e"] = [(up - down) / (2 * _SPAN) for up, down in zip(above, below, strict=True)]
         n_points, n_effects = len(stiffness), len(part.shifts)
         rr, rj, jj = np.zeros(n_points), np.zeros(n_points), 0.0
         rZ, jZ = np.zeros((2, n_points, n_effects))
@@ -371,7 +402,7 @@ class MixedLikelihood(Likelihood):
             if varying:
                 Z = np.broadcast_to(Z, (n_points, *Z.shape)).copy()
                 for x, block, places in zip(self.components, model.blocks, model.places, strict=True):
-                    if x.quantity in varying:
+                    if x.quantity in varying and not (x.sought and x.quantity == "c_e"):
                         Z[..., block] = varying[x.quantity][k][..., None] * places[k]
                 r = r - (Z @ shifts[..., None])[..., 0]
                 Z = Z @ part.turn
@@ -385,6 +416,16 @@ class MixedLikelihood(Likelihood):
             jZ += j @ Z / s2
         products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
         return rr, rj, jj, rZ, jZ, *equations.inverse(np.arange(n_effects), products, part.variance)
+
+    def _own_c_e(self, shifts: Floats) -> tuple[Floats, Floats]:
+        """Of each velocity row and pressed row, from shape (points, effects)."""
+        ((x, block),) = (
+            (x, block) for x, block in zip(self.components, self.linear.blocks, strict=True) if x.random_c_e
+        )
+        levels = np.concatenate(
+            [shifts[:, block], np.zeros((len(shifts), 1))], axis=1
+        )  # a level of -1 has none
+        return levels[:, x.group.velocity], levels[:, x.group.pressed]
 
     @property
     def kinks(self) -> Floats:
@@ -402,8 +443,13 @@ class MixedLikelihood(Likelihood):
 
     @property
     def n_parts(self) -> int:
-        """Parts that the distribution of offsets is taken in; between them are shallow minima."""
+        """Parts that the distribution of offsets is taken in."""
         return len(self._parts)
+
+    @property
+    def uneven(self) -> bool:
+        """Whether it has shallow minima: between parts, or where a specimen's own c_e passes a kink."""
+        return self.n_parts > 1 or bool(self._of_specimen.any())
 
     def objective(self, c_e: float, alpha: float) -> float:
         """See `Likelihood`: the weighted sum of squares."""
@@ -452,6 +498,14 @@ class MixedLikelihood(Likelihood):
                 o = o.moved(x.quantity, np.zeros(len(o.force)), rest[x.group.pressed])
         return o
 
+    def off_curve(self, c_e: float, alpha: float) -> Floats:
+        """See `Likelihood`."""
+        off = self.plain.off_curve(c_e, alpha)
+        for x, block in zip(self.components, self.linear.blocks, strict=True):
+            if x.quantity == "alpha":
+                off = off - np.append(-self.equations.solution[block], 0.0)[x.group.velocity]
+        return off
+
     def belief_rises(self) -> list[tuple[float, float]]:
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         rises = []
@@ -491,9 +545,21 @@ class MixedLikelihood(Likelihood):
 
     def about_curves(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
         """See `Likelihood`; the effects count as parameters."""
-        rows = self.linear.columns[0][: len(self._single)]
-        J, r = rows[:, :-1], rows[:, -1]
-        return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
+        model, n = self.linear, len(self._single)
+        if (
+            n
+            and {x.quantity for x in self.components} <= {"alpha"}
+            and isinstance(self.model, MeanFieldModel)
+        ):
+            # days that are parameters can put c_e far from the fit, which draws them together
+            hard, columns = float(self.plain.observations.c_e_bounds().max()), model.columns[0][:n]
+            c_e_walk = np.geomspace(hard * (1 + EDGE), hard * C_E_RANGE, _PLACES)
+            basis = scipy.linalg.orth(np.delete(columns, (-3, -1), axis=1))
+            walked = self.plain.residuals(c_e_walk, 1.0)[0][2][:, :n]
+            lowest = np.argmin(np.sum((walked - walked @ basis @ basis.T) ** 2, axis=1))
+            model = LinearModel(self.plain, self.components, (float(c_e_walk[lowest]), alpha), self.shifts)
+        J, r = np.split(model.columns[0][:n], [-1], axis=1)
+        return J, (r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))[:, 0]
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
         """See `Likelihood`."""

@@ -219,9 +219,12 @@ class Observations:
         R = self.pressed_radius
         return np.asarray(R**2 * (self.pressed_depth / R) ** self.force_exponent)
 
-    def pressed_residuals(self, c_e: ArrayLike, known: bool) -> Floats:
-        """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows."""
-        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
+    def pressed_residuals(self, c_e: ArrayLike, known: bool, own: Floats | float = 0.0) -> Floats:
+        """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows.
+
+        `own` is ln c_e of each row over that of all.
+        """
+        stiffness = np.asarray(c_e, dtype=np.float64)[..., None] * np.exp(own)
         if known:
             return np.asarray((self.pressed - stiffness * self.pressed_unit) / self.pressed_sigma)
         return np.asarray(

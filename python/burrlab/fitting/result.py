@@ -40,6 +40,7 @@ from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, LEVELS, Region, level_name
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.repairs import LevelLeftOut, without_levels
+from burrlab.fitting.slices import FREEDOM
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, Law, MasterCurve, positive
@@ -339,6 +340,7 @@ class Fit(FitRecord, Tabulated):
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
+        student = new == "run" and self.residual_kind == "student"
         exponents = self._exponents(np.atleast_1d(np.asarray(force, np.float64)), R, new)
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
@@ -354,7 +356,9 @@ class Fit(FitRecord, Tabulated):
                     added = part * float(np.dot(weights, variances))
                     if isinstance(calibration, MixedCalibration):
                         nu = calibration.freedom(direction, part * np.array(weights), added)
-                    t = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2)
+                    t = -special.stdtrit(
+                        min(nu, FREEDOM if student and part else 1e9), (1 - LEVELS[level_name(level)]) / 2
+                    )
                     half[i] = np.fmax(half[i], t * np.sqrt(variance + added))
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
         return low, high

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
-from burrlab.common.check import refuse, require_type, seed_or_new
+from burrlab.common.check import refuse, require_type, seed_or_new, whole
 from burrlab.common.figures import REFERENCE, Axes, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
@@ -313,8 +313,8 @@ def design(
         not len(force) * len(radius) + len(depth),
         "forces and radii, or static, must hold a candidate: got none",
     )
-    for name, value in (("n", n), ("truths", truths)):
-        refuse(value < 1, f"{name} must be at least 1: got {value!r}")
+    for name, number in (("n", n), ("truths", truths)):
+        refuse(whole(name, number, 10**6, "1e6") < 1, f"{name} must be at least 1: got {number!r}")
     first = not (len(fit.observations.pressed) or fit.likelihood.known)
     refuse(
         len(depth) and first and n < 2,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, whole
+from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
 from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
@@ -261,6 +261,11 @@ def _between(
         (x.group for x in estimated if x.quantity == "c_e"), estimated[-1].group if estimated else "specimen"
     )
     refuse(
+        not isinstance(between, Mapping | None),
+        f"between must be a dict such as {{'alpha': 0.1}}, got {shown(between)}",
+        TypeError,
+    )
+    refuse(
         between is None and not estimated,
         "between must be given, such as {'alpha': 0.1}: the fit knows no specimens or days",
     )
@@ -386,11 +391,14 @@ def run_sheet(
     (36, ('B', 'A', 'B', 'A'))
     """
     force = np.atleast_1d(real(forces, "forces"))
-    labels = (
-        [f"specimen {k + 1}" for k in range(specimens)]
-        if isinstance(specimens, int)
-        else list(map(str, specimens))
+    refuse(
+        force.ndim > 1 or not (force > 0).all() or not force.size,
+        f"forces must be positive, one or more: got {shown(forces)}",
     )
+    if not np.iterable(specimens):
+        specimens = [f"specimen {k + 1}" for k in range(whole("specimens", specimens, 10000, "10000"))]
+    refuse(not np.iterable(drills), f"drills must be a sequence of names, got {shown(drills)}", TypeError)
+    labels = list(map(str, specimens))
     for name, names in (("specimens", labels), ("drills", list(drills))):
         refuse(
             not names or len(set(names)) < len(names),
@@ -400,10 +408,13 @@ def run_sheet(
     refuse(not 1 <= days <= runs, f"days must be 1 or more, and at most runs: got {days} and {runs} runs")
     seed = seed_or_new(seed)
     random, rows = np.random.default_rng(seed), []
-    each = _in_turn(force, counts["runs"])
+    each, turn = _in_turn(force, counts["runs"]), np.arange(runs)
+    dealt = (
+        turn % len(force) + turn // len(force)
+    ) % days  # so that a force that comes again does so on another day
     for day in range(days):
         for k in random.permutation(len(labels)).tolist():
-            block = [(drill, F) for F in each[(day + k) % days :: days].tolist() for drill in drills]
+            block = [(drill, F) for F in each[dealt == (day + k) % days].tolist() for drill in drills]
             rows += [
                 (f"day {day + 1}", labels[k], *block[i]) for i in random.permutation(len(block)).tolist()
             ]

@@ -135,6 +135,11 @@ class TestEffects:
         ).all()
         assert np.isfinite(two.bootstrap(3, seed=1).c_e).all()
 
+    def test_of_known_values_draws_their_errors(self):
+        result = fit(RIDGE, known={"c_e": (2.145, 0.1)})
+        drawn = result.bootstrap(100, seed=1).intervals["c_e"]["68"].ratio()
+        assert drawn == pytest.approx(result.intervals["c_e"]["68"].ratio(), rel=0.05)  # about 1.10
+
     def test_what_is_refused(self):
         few = fit(replace(self.curve(), groups={"day": self.LEVEL // 2}))
         needed = "kind 'groups' needs a fit with 6 days or specimens or more: got "

@@ -3,6 +3,7 @@
 import html
 import io
 import multiprocessing
+import re
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -156,6 +157,10 @@ class TestRatios:
         assert [pair.differ for pair in three.pairs] == [False, True, True]
         assert three.pairs[0].p_equivalent == pytest.approx(3 * two.p_equivalent, rel=1e-6)
         assert "Corrected for 3 pairs" in three.report()
+        for pair, note in zip(
+            three.pairs, re.findall(r"Corrected for 3 pairs, where they (.*?):", three.report()), strict=True
+        ):
+            assert note == ("differ" if pair.differ else "can be of one material")
 
 
 class TestVelocity:

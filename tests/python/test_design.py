@@ -350,6 +350,7 @@ class TestResult:
          "radii must be finite and above 0 mm: got"), ({"n": 0}, "n must be at least 1: got 0"),
         ({"n": 1, "static": 0.2}, "n must be at least 2 for the first static pairs, to show their scatter"),
         ({"truths": 0}, "truths must be at least 1: got 0"),
+        *(({"n": n}, "n must be a whole number from 0") for n in (NAN, 2.5, "2", True)),
         *(({"static": depths},
             "static must be depths above 0 and below 2R = 6 mm: got") for depths in ([0.0], [0.1, 6.0], [NAN])),
         ({"static": 0.2, "static_radius": 0.0}, "static_radius must be finite and above 0 mm: got"),

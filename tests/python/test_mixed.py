@@ -563,6 +563,9 @@ class TestWhatIsSaid:
         )
         assert np.isnan(low[1])
         absolute = burrlab.fit(curve, groups=(), residuals="absolute")
+        student = burrlab.fit(plain.data[0], residuals="student")
+        low, high = student.velocity_interval(0.8, new="run")
+        assert np.log(high / low) / 2 > stats.t(4).ppf(0.975) * student.evidence.scatters[0].value
         assert absolute.velocity_interval(1.5)[1] / plain.velocity_interval(1.5)[1] == pytest.approx(
             1.0, abs=0.05
         )
@@ -734,6 +737,13 @@ class TestPairs:
         drawn = np.random.default_rng(1).standard_t([[5], [96 - 12 - 2]], (2, 400_000))
         limit = 2 * stats.f.ppf(0.95, *pair.joint.freedom)
         assert np.mean(np.sum(drawn**2, axis=0) > limit) == pytest.approx(0.05, abs=0.002)
+
+    def test_on_two_common_days_have_one_degree_of_freedom(self):
+        pairs = [
+            burrlab.compare(*(burrlab.fit(x) for x in pair_of_sets(seed, 2))).pairs[0] for seed in range(12)
+        ]
+        assert {pair.joint.freedom[-1] for pair in pairs} == {1.0}
+        assert not any(pair.differ for pair in pairs)  # by Satterthwaite, 3 of them
 
     def test_that_leave_c_e_open_are_compared_with_one_c_e(self):
         """As a paired t test of the days' mean log velocities, as small forces tell alpha/c_e^p alone."""
@@ -912,6 +922,39 @@ def test_pressed_rows_are_judged_with_all_best_offsets(seed):
     )
     fit = burrlab.fit([curve, presses], uncertain={"force": 0.02, "surface": 0.02})
     assert fit.status == "ok", fit.verdict
+
+
+def test_specimens_far_apart_are_integrated_over():
+    """-2 log L over c_e of all, beside the integral over that of each specimen: 1.2 to 3.2 N/mm^2."""
+    random, force = np.random.default_rng(2), np.array([0.3, 0.45, 0.65, 0.9, 1.2, 1.6, 1.9])
+    F, v, labels = np.empty(0), np.empty(0), np.empty(0, np.intp)
+    for k, c_e in enumerate((1.2, 1.6, 2.1, 2.7, 3.2, 1.4, 1.9, 2.4)):
+        true = burrlab.penetration_velocity(BURR, burrlab.Material("m", c_e=c_e, alpha=0.087), force)
+        noise = 0.05 * random.standard_normal(len(force))
+        has = np.isfinite(true)
+        F, v = np.append(F, force[has]), np.append(v, (true * np.exp(noise))[has])
+        labels = np.append(labels, np.full(has.sum(), k))
+    fit = burrlab.fit(VelocityCurve(F, v, radius=3.0, specimen=labels.tolist()))
+    assert fit.status == "ok"
+    assert 2.0 in fit.intervals["c_e"]["95"]
+    assert 0.087 in fit.intervals["alpha"]["95"]
+    of_c_e, of_alpha = (x.deviation for x in fit.effects)
+    scatter, nodes = fit.evidence.scatters[0].value, np.linspace(-4.5, 4.5, 121)
+    c_e = fit.c_e * np.array([0.7, 0.85, 1.0, 1.2, 1.5])
+    log_alpha = np.log(fit.alpha) + np.linspace(-0.25, 0.25, 101)[:, None, None]
+    total = np.zeros((len(c_e), len(log_alpha)))
+    for k in range(8):
+        at = c_e[:, None, None] * np.exp(of_c_e * nodes)[:, None]
+        log_unit = np.log(
+            burrlab.Law("parabolic").velocity(F[labels == k], at, 1.0, 3.0)
+        )  # NaN without a window
+        r = (np.log(v[labels == k]) - log_unit)[:, None] - log_alpha
+        shrunk = of_alpha**2 / (scatter**2 + r.shape[-1] * of_alpha**2)
+        squares = (np.sum(r**2, axis=-1) - shrunk * np.sum(r, axis=-1) ** 2) / scatter**2
+        density = np.nan_to_num(-0.5 * (squares + nodes**2), nan=-np.inf)
+        total -= 2 * special.logsumexp(density, axis=-1)
+    exact, walked = total.min(axis=1), fit.likelihood.at(c_e).profile
+    np.testing.assert_allclose(walked - walked[2], exact - exact[2], atol=0.5)
 
 
 def test_data_sets_with_an_alpha_each_beside_an_indentation():

@@ -102,6 +102,8 @@ def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     assert [day for day, *_ in rows] == ["day 1"] * 32 + ["day 2"] * 32
     of_drills = [{row[:2] + row[3:] for row in rows if row[2] == drill} for drill in ("A", "B")]
     assert of_drills[0] == of_drills[1]
+    crossed = burrlab.run_sheet(FORCES[:4], specimens=["a"], runs=8, seed=1)  # each force on each day
+    assert len({*zip(crossed.groups["day"], crossed.force.tolist(), strict=True)}) == 8
     assert {(day, F) for day, _, F in of_drills[0]} == {
         (d, F) for d in ("day 1", "day 2") for F in FORCES.round(3)
     }
@@ -155,6 +157,10 @@ def test_command(tmp_path, capsys):
         (lambda: burrlab.compare_power(PILOT, aim=1.0), ValueError, "aim must be above 0 and below 1"),
         (lambda: burrlab.run_sheet(FORCES, specimens=["a", "a"], runs=8), ValueError, "specimens must be one or more"),
         (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, days=9), ValueError, "days must be 1 or more"),
+        (lambda: burrlab.run_sheet([], specimens=2, runs=8), ValueError, "forces must be positive, one or more"),
+        (lambda: burrlab.run_sheet(FORCES, specimens=2.5, runs=8), ValueError, "specimens must be a whole number"),
+        (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, drills=None), TypeError, "drills must be a sequence of names"),
+        (lambda: burrlab.compare_power(PILOT, between=0.1), TypeError, "between must be a dict such as"),
         (lambda: PILOT.curve.split("drill"), ValueError, "the rows have no drill, but no group"),
     ],
 )  # fmt: skip

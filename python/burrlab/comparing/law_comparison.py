@@ -241,7 +241,7 @@ class LawComparison(Tabulated):
         else:
             lines.append(
                 "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
-                "tare, a friction or the surface is off."
+                "tare, a friction or the surface is off, or the indentation's forces have another scale."
             )
         lines += [
             f"{x.name} parts most from {self.best.name} at {x.force:.3g} N{f' and R = {x.radius:g} mm' if several else ''} "

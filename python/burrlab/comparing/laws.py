@@ -15,7 +15,7 @@ from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
-from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded, p_text
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
 from burrlab.fitting.mixed import MixedLikelihood
@@ -127,8 +127,8 @@ class LawLikelihood:
         slope = self.log_force - self._level * (self._level @ self.log_force)
         self._lever = float(slope @ slope)
         refuse(
-            len(np.unique(o.force)) < 3,
-            "laws need velocities at three or more forces, whatever the burrs: got fewer",
+            len(np.unique(o.force)) < 3 or self.n < 4,
+            "laws need four or more velocities at three or more forces, whatever the burrs: got fewer",
         )
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
@@ -374,11 +374,18 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
     limits = {name: likelihood.limit(level) for name, level in LEVELS.items()}
     of_pressed = {name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()}
     found: dict[str, Exponent] = {}
+    apart: HypothesisTest | None = None
     if likelihood.tells_q:
         q, error = likelihood.pressed_exponent()
         found["q"] = _profiled(
             "q", (q, 5 * error), lambda q: float(likelihood.scan(q, shape).heights().min()), of_pressed, 65
         )
+        F, freedom = ((found["q"].value - q) / error) ** 2, (1, len(likelihood.observations.pressed) - 2)
+        p = float(special.fdtrc(*freedom, F))
+        apart = HypothesisTest("q", F, freedom, p, (
+            f"The indentation alone tells q = {q:.3g}, with the velocities it would be {found['q'].value:.3g}: the two need "
+            f"a c_e each, {p_text(p)}."
+        ))  # fmt: skip
         held = found["q"].grid[found["q"].rise < max(of_pressed.values())]
         qs = np.linspace(held[0], held[-1], 17).tolist()
         by_q = [likelihood.scan(q, shape) for q in found["q"].grid.tolist()]
@@ -409,14 +416,17 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
             widest,
         )
     lack = likelihood.lack_of(scans)
-    return {name: _told(found[name], lack) for name in ("s", "q", "m", "k") if name in found}, lack
+    poor = [test if test and test.p_value < POOR else None for test in (lack, apart)]
+    exponents = {name: _told(found[name], *poor) for name in ("s", "q", "m", "k") if name in found}
+    return exponents, poor[0] or poor[1] or lack
 
 
-def _told(exponent: Exponent, lack: HypothesisTest | None) -> Exponent:
-    """Without intervals where no law fits the velocities; these do not tell q."""
-    if exponent.name == "q" or lack is None or lack.p_value >= POOR:
-        return exponent
-    return replace(exponent, intervals=dict.fromkeys(LEVELS, Interval(None, None)))
+def _told(exponent: Exponent, lack: HypothesisTest | None, apart: HypothesisTest | None) -> Exponent:
+    """Without intervals where no law fits the velocities, which do not tell q; or where these need another c_e than an
+    indentation, which does not tell s."""
+    if (lack and exponent.name != "q") or (apart and exponent.name != "s"):
+        return replace(exponent, intervals=dict.fromkeys(LEVELS, Interval(None, None)))
+    return exponent
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
@@ -588,7 +598,7 @@ def compare_laws(
     law = next((row.law for row in rows if row.law), Law())
     return LawComparison(
         tuple(rows), *exponents(likelihood, law), law, level, residuals, first.observations,
-        _partings(rows, likelihood, points[least]),
+        _partings(rows, likelihood),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip
 
@@ -633,20 +643,19 @@ def rise_of(
     laws: tuple[Law | None, Law | None],
     run: tuple[float, float, float],
     n: int,
-    scatter: float,
 ) -> float:
     """How far n runs, with the velocity of the first law, raise -2 log L of the second over that of the first.
 
-    A run is (F [N], v [mm/s], R [mm]). Both laws are fitted again with the runs, at the scatter of ln v that is known.
+    A run is (F [N], v [mm/s], R [mm]). Both laws are fitted again with the runs, each with its own scatter.
     """
     heights = []
     for rows in (replace(o, groups=()), o.with_runs(*run, n)):
-        likelihood = LawLikelihood(replace(rows, sigma=scatter * rows.velocity), known=True)
+        likelihood = LawLikelihood(rows)
         heights.append([likelihood.best(law).height for law in laws])
     return (heights[1][1] - heights[1][0]) - (heights[0][1] - heights[0][0])
 
 
-def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint) -> tuple[Parting, ...]:
+def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood) -> tuple[Parting, ...]:
     """Where the best law and each other that lies close part most, and how many more runs there would tell."""
     o, partings = likelihood.observations, []
     radii, counts = np.unique(o.radius[np.isnan(o.window_start)], return_counts=True)
@@ -662,7 +671,7 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
         for n in _RUNS:
-            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > CLOSE:
+            if rise_of(o, (rows[0].law, row.law), run, n) > CLOSE:
                 partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
                 break
     return tuple(partings)

@@ -342,7 +342,7 @@ def design(
             new = NewData(n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2)
             candidates.append(_candidate(
                 grid, truth, log_velocity, new, R, force=F, ceiling=_ceiling(fit, F, R, offsets.known(R)),
-                parting=_parting(fit, against, R, F, n, scatter),
+                parting=_parting(fit, against, R, F, n),
             ))  # fmt: skip
             report_progress(len(candidates), total)
     for h in depth.tolist():
@@ -384,16 +384,12 @@ def design(
     )
 
 
-def _parting(
-    fit: Fit, against: Fit | None, radius: float, force: float, n: int, scatter: float
-) -> float | None:
+def _parting(fit: Fit, against: Fit | None, radius: float, force: float, n: int) -> float | None:
     """How far n runs at a force raise -2 log L of another law over that of the fit, which holds."""
     velocity = float(fit.law.velocity(force, fit.c_e, fit.alpha, radius))
     if against is None or np.isnan(velocity):
         return None
-    return rise_of(
-        fit.observations, (fit.law, against.law), (force, velocity, radius), n, max(scatter, MODEL_ERROR)
-    )
+    return rise_of(fit.observations, (fit.law, against.law), (force, velocity, radius), n)
 
 
 def _log_velocity(

@@ -366,7 +366,8 @@ def run_sheet(
         Runs of each drill in each specimen.
     drills : sequence of str
     days : int
-        The runs of each drill in each specimen are dealt over these, so that a day costs the comparison nothing.
+        The runs of each drill in each specimen are dealt over these. With three days or more a comparison also asks how
+        the drills' difference varies from day to day.
     radius : float, optional
         Burr radius [mm].
     seed : int, optional

@@ -265,6 +265,20 @@ class TestOddData:
         s = [compare_laws(x, laws=["paper"]).exponents["s"].intervals["95"] for x in (curve, labelled)]
         assert (s[1].lower, s[1].upper) == pytest.approx((s[0].lower, s[0].upper), abs=1e-6)
 
+    def test_presses_that_need_another_c_e_give_no_q(self):
+        material = Law().material(c_e=2.1, alpha=0.09)
+        forces, depths = np.geomspace(0.36, 3.1, 8), [0.05, 0.1, 0.2, 0.4]
+        curve = burrlab.synthetic_curve(BURR, material, forces, repeats=2, scatter=0.05, seed=0)
+        presses = burrlab.synthetic_indentation(BURR, material, depths, repeats=3, scatter=0.05, seed=50)
+        compared = compare_laws([curve, Indentation(0.6 * presses.force, presses.depth, 3.0)], laws=["paper"])
+        assert "indentation alone tells q = 1.51, with the velocities it would be 1.69" in compared.report()
+        assert [x.interval_text == "no interval" for x in compared.exponents.values()] == [
+            False,
+            True,
+            True,
+            True,
+        ]
+
     def test_presses_of_a_small_q(self):
         for q in (0.9, 1.0):
             h = np.repeat(DEPTHS, 4)

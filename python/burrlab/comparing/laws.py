@@ -380,12 +380,7 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         found["q"] = _profiled(
             "q", (q, 5 * error), lambda q: float(likelihood.scan(q, shape).heights().min()), of_pressed, 65
         )
-        F, freedom = ((found["q"].value - q) / error) ** 2, (1, len(likelihood.observations.pressed) - 2)
-        p = float(special.fdtrc(*freedom, F))
-        apart = HypothesisTest("q", F, freedom, p, (
-            f"The indentation alone tells q = {q:.3g}, with the velocities it would be {found['q'].value:.3g}: the two need "
-            f"a c_e each, {p_text(p)}."
-        ))  # fmt: skip
+        apart = _apart(likelihood, found["q"].value)
         held = found["q"].grid[found["q"].rise < max(of_pressed.values())]
         qs = np.linspace(held[0], held[-1], 17).tolist()
         by_q = [likelihood.scan(q, shape) for q in found["q"].grid.tolist()]
@@ -415,18 +410,36 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
             *likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values())),
             widest,
         )
-    lack = likelihood.lack_of(scans)
-    poor = [test if test and test.p_value < POOR else None for test in (lack, apart)]
-    exponents = {name: _told(found[name], *poor) for name in ("s", "q", "m", "k") if name in found}
-    return exponents, poor[0] or poor[1] or lack
+    return _told(found, likelihood.lack_of(scans), apart)
 
 
-def _told(exponent: Exponent, lack: HypothesisTest | None, apart: HypothesisTest | None) -> Exponent:
-    """Without intervals where no law fits the velocities, which do not tell q; or where these need another c_e than an
-    indentation, which does not tell s."""
-    if (lack and exponent.name != "q") or (apart and exponent.name != "s"):
-        return replace(exponent, intervals=dict.fromkeys(LEVELS, Interval(None, None)))
-    return exponent
+def _apart(likelihood: LawLikelihood, pooled: float) -> HypothesisTest:
+    """Whether an indentation alone tells another q than with the velocities."""
+    q, error = likelihood.pressed_exponent()
+    F, freedom = ((pooled - q) / error) ** 2, (1, len(likelihood.observations.pressed) - 2)
+    p = float(special.fdtrc(*freedom, F))
+    return HypothesisTest("q", F, freedom, p, (
+        f"The indentation alone tells q = {q:.3g}, with the velocities it would be {pooled:.3g}: the two need a c_e each, "
+        f"{p_text(p)}."
+    ))  # fmt: skip
+
+
+def _told(
+    found: Mapping[str, Exponent], lack: HypothesisTest | None, apart: HypothesisTest | None
+) -> tuple[dict[str, Exponent], HypothesisTest | None]:
+    """Exponents, and a test that takes intervals from some.
+
+    Where no law fits the velocities, only q keeps its own, which they do not tell. Where an indentation needs another
+    c_e than these, only s does.
+    """
+    exponents = {name: found[name] for name in ("s", "q", "m", "k") if name in found}
+    poor = {
+        name: test for name, test in (("q", lack), ("s", apart)) if test is not None and test.p_value < POOR
+    }
+    for spared in poor:
+        for name in exponents.keys() - {spared}:
+            exponents[name] = replace(exponents[name], intervals=dict.fromkeys(LEVELS, Interval(None, None)))
+    return exponents, next(iter(poor.values()), lack)
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:

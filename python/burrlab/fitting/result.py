@@ -340,7 +340,7 @@ class Fit(FitRecord, Tabulated):
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
-        student = new == "run" and self.residual_kind == "student"
+        most_freedom = {("run", "student"): FREEDOM}.get((new, self.residual_kind), 1e9)
         exponents = self._exponents(np.atleast_1d(np.asarray(force, np.float64)), R, new)
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
@@ -352,13 +352,11 @@ class Fit(FitRecord, Tabulated):
                 ]
                 variance, nu = calibration.variance(direction)
                 # with more degrees of freedom that of a new run could be narrower than that of the mean
-                for part in (0.0, 1.0):
+                for part, most in ((0.0, 1e9), (1.0, most_freedom)):
                     added = part * float(np.dot(weights, variances))
                     if isinstance(calibration, MixedCalibration):
                         nu = calibration.freedom(direction, part * np.array(weights), added)
-                    t = -special.stdtrit(
-                        min(nu, FREEDOM if student and part else 1e9), (1 - LEVELS[level_name(level)]) / 2
-                    )
+                    t = -special.stdtrit(min(nu, most), (1 - LEVELS[level_name(level)]) / 2)
                     half[i] = np.fmax(half[i], t * np.sqrt(variance + added))
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
         return low, high

@@ -563,7 +563,7 @@ class TestWhatIsSaid:
         )
         assert np.isnan(low[1])
         absolute = burrlab.fit(curve, groups=(), residuals="absolute")
-        student = burrlab.fit(plain.data[0], residuals="student")
+        student = burrlab.fit(curve, groups=(), residuals="student")
         low, high = student.velocity_interval(0.8, new="run")
         assert np.log(high / low) / 2 > stats.t(4).ppf(0.975) * student.evidence.scatters[0].value
         assert absolute.velocity_interval(1.5)[1] / plain.velocity_interval(1.5)[1] == pytest.approx(

@@ -39,7 +39,6 @@ void MailboxDevice::start(double) {
   if (failed_.load(std::memory_order_acquire))
     throw InvalidArgument(name_ + " must be opened anew: " + fault_);
   resume();
-  in_.get(last_);
   old_ = age() > lost_after_ ? last_.time : 0;
 }
 

@@ -43,7 +43,7 @@ class MailboxDevice : public SentForceDevice {
   };
   Latest<Letter> in_;
   Letter last_{};
-  std::uint64_t old_ = 0;  // time of the letter that was too old at the session's start
+  std::uint64_t old_ = 0;  // time of an earlier session's letter that is too old for this one
   std::atomic<bool> failed_{false};
   double lost_after_;
   std::string name_, fault_;  // the fault is written once, before failed_

@@ -274,10 +274,11 @@ def deliver(
 ) -> None:
     """Prints a result as text, writes it as JSON if --json is given, and draws it if --plot is given."""
     print(json.dumps(result, allow_nan=False) if options.json == "-" else text)
-    if options.json not in ("-", None):
-        text = json.dumps(result, allow_nan=False, indent=1) + "\n"
-        _write(options.json, "result.json", lambda place: write_text(place, text), "the result")
-    plot(getattr(options, "plot", None), draw)
+    with contextlib.ExitStack() as also:  # a result that cannot be written loses no figure
+        also.callback(plot, getattr(options, "plot", None), draw)
+        if options.json not in ("-", None):
+            text = json.dumps(result, allow_nan=False, indent=1) + "\n"
+            _write(options.json, "result.json", lambda place: write_text(place, text), "the result")
 
 
 def sentence(error: Exception) -> str:

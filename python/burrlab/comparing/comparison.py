@@ -131,10 +131,8 @@ class Comparison(InJson, Tabulated):
                     f"{pair.velocity.middle[1]:.3g} N)"
                 )
             if self.margin is not None:
-                sentence += (
-                    f", and are {'' if pair.equivalent else 'not shown to be '}equivalent within "
-                    f"{100 * self.margin:g} % of velocity"
-                )
+                shown_to = "" if pair.equivalent else "not shown to be "
+                sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
             lines.append(f"{sentence[0].upper() if runs else sentence[0]}{sentence[1:]}.")
         return "\n".join(lines)
 
@@ -237,14 +235,8 @@ class Comparison(InJson, Tabulated):
             for pair in self.pairs
             for name, x in self._named_ratios(pair).items()
         ]
-        return {
-            name: list(column)
-            for name, column in zip(
-                ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ"),
-                zip(*rows, strict=True),
-                strict=True,
-            )
-        }
+        names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
+        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -259,11 +251,8 @@ class Comparison(InJson, Tabulated):
         for k, (names, v) in enumerate(drawn_pairs):
             for R in np.unique(v.radius):
                 F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
-                look = styled(
-                    style,
-                    **SERIES[k % len(SERIES)]
-                    | {"markersize": 3, "label": f"{names[1]} over {names[0]}, R = {R:g} mm"},
-                )
+                label = f"{names[1]} over {names[0]}, R = {R:g} mm"
+                look = styled(style, **SERIES[k % len(SERIES)] | {"markersize": 3, "label": label})
                 ax.fill_between(F, low, high, color=look["color"], alpha=0.2, linewidth=0)
                 ax.plot(F, ratio, **look)
         ax.axhline(1, color=REFERENCE, linewidth=0.8)

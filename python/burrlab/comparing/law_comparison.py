@@ -123,12 +123,9 @@ class LawRow:
 
     def velocity(self, force: Floats, radius: float) -> Floats:
         """Velocity at the best point [mm/s], in the default window."""
-        law = self.law
-        return (
-            self.alpha * force
-            if law is None
-            else np.asarray(law.velocity(force, self.c_e, self.alpha, radius))
-        )
+        if self.law is None:
+            return self.alpha * force
+        return np.asarray(self.law.velocity(force, self.c_e, self.alpha, radius))
 
     @property
     def constants(self) -> str:

@@ -761,9 +761,5 @@ def plausibility(
             if guess and p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
         texts = [lie, *([", or ".join(looks)] if looks else [])]
-    return Plausibility(
-        inside,
-        bool(texts),
-        slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT),
-        "; ".join(texts),
-    )
+    implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
+    return Plausibility(inside, bool(texts), implausible, "; ".join(texts))

@@ -282,7 +282,7 @@ def fit(
         status=status,
         reason=reason,
         starts=searches,
-        bounds=dict(zip(("c_e", "alpha"), zip(box.lower, box.upper, strict=True), strict=True)),
+        bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
         given_bounds=given_bounds,
         evidence=evidence,
         lack_of_fit=lack,
@@ -441,9 +441,8 @@ def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs
             numbers.shape not in ((1,), (2,)) or not ((numbers > 0) & (numbers < np.inf)).all(),
             f"known {name} must be a value, or a value and its standard deviation, above 0: got {shown(pair)}",
         )
-        beliefs.append(
-            (name, float(numbers[0]), float(numbers[1] / numbers[0]) if len(numbers) == 2 else _EXACT)
-        )
+        deviation = numbers[1] / numbers[0] if len(numbers) == 2 else _EXACT
+        beliefs.append((name, float(numbers[0]), float(deviation)))
     return tuple(beliefs)
 
 

@@ -107,9 +107,8 @@ class MeanFieldModel:
         velocities = np.empty((self._n, stiffness.size))
         for start, end, pressure, scales, rows, inverse in self._groups:
             phi = self.law.master_phi(pressure[:, None] / stiffness.ravel())
-            velocities[rows] = function(scales[:, None] * self._curve.velocity_ratio(phi, start, end))[
-                inverse
-            ]
+            ratio = self._curve.velocity_ratio(phi, start, end)
+            velocities[rows] = function(scales[:, None] * ratio)[inverse]
         return velocities.T.reshape(*stiffness.shape, self._n)
 
 
@@ -260,7 +259,6 @@ class Likelihood:
         width = float(np.log(stiffness[2] / stiffness[0]))
         # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
         doubling = np.log(2) if self.log else 1.0
-
         nowhere = np.empty(0, np.intp)
         places = {
             "velocity": self.first_rows, "segments": np.concatenate([nowhere, *self._runs]),

@@ -100,8 +100,8 @@ class FitRecord(InJson):
     def separately_identified(self) -> bool:
         """Whether c_e's 95 % interval has two ends within a factor of 2, and nothing speaks against it.
 
-        False where the data contradict the model or are implausible, where the fit ended at a bound, and
-        where the interval begins at the bound F/(0.1925 R^2) that a window sets.
+        False where alpha's is open, where the data contradict the model or are implausible, where the fit ended
+        at a bound, and where c_e's begins at the bound F/(0.1925 R^2) that a window sets.
         """
         return not self._obstacle
 
@@ -111,7 +111,8 @@ class FitRecord(InJson):
         if self.evidence is None:
             return "nothing was fitted"
         status, _ = self.evidence.doubt or (self.status, "")
-        return obstacle(self.intervals["c_e"]["95"], self._window_bound, status)
+        c_e, alpha = (self.intervals[name]["95"] for name in ("c_e", "alpha"))
+        return obstacle(c_e, alpha, self._window_bound, status)
 
     @property
     def _window_bound(self) -> float:

@@ -147,12 +147,14 @@ def equally_good(objective: float, best: Start, n: int) -> bool:
     return bool(np.sqrt(objective / n) <= np.sqrt(best.objective / n) * (1 + _EQUAL) + 1e-6)
 
 
-def obstacle(c_e: Interval, windows: float, status: str = "") -> str:
+def obstacle(c_e: Interval, alpha: Interval, windows: float, status: str = "") -> str:
     """Why c_e and alpha are not separately identified; empty where they are.
 
-    They are where c_e's 95 % interval is closed, spans less than a factor of 2 and begins above the bound that
+    They are where both 95 % intervals are closed, c_e's spans less than a factor of 2 and begins above the bound that
     the `windows` set [N/mm^2], and the status is none of those below.
     """
+    if c_e.closed and not alpha.closed:  # few specimens tell alpha's level badly
+        return "alpha's 95 % interval is open"
     if not (c_e.closed and c_e.ratio() < SEPARATE):
         return f"c_e's 95 % interval not closed and within a factor of {SEPARATE:g}"
     begins = "c_e's 95 % interval begins at the bound that a window sets" if at_windows(c_e, windows) else ""
@@ -168,7 +170,7 @@ def sentence(o: Observations, c_e: Interval, alpha: Interval, identified: Combin
     """The verdict in plain words, at 95 %."""
     rows = f"these {len(o)} points ({o.recorded_force.min():.3g} to {o.recorded_force.max():.3g} N)"
     windows = float(o.c_e_bounds().max())
-    why = obstacle(c_e, windows, status)
+    why = obstacle(c_e, alpha, windows, status)
     if why in _UNFIT.values():
         return f"c_e and alpha are not separately identified: {why}."
     if not why:

@@ -73,7 +73,7 @@ _RESULTS = {
 _STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
 _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
-_STEPS = 1e-3  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
+_STEPS = 3e-4  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
 _ANY: Bounds = {"c_e": (1e-9, 1e9), "alpha": (1e-12, 1e12)}  # [N/mm^2], [1/ms]
 _EXACT = 1e-3  # relative standard deviation of a value that is known without one; the model's own error is twice that
 

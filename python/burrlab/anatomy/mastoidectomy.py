@@ -96,6 +96,14 @@ def mastoidectomy_path(
     -----
     The burr is taken to go where it is sent, whatever the force. A spring between device and burr, or a
     slower burr, removes less. Layers, strokes and speed are ours.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.anatomy import mastoidectomy_path, temporal_bone
+    >>> phantom = temporal_bone(0.4, seed=1)
+    >>> mastoidectomy_path(phantom, burrlab.Burr(3.0), layer=3.0, step=2.0)
+    BurrPath(layers=5)
     """
     layer = burr.radius / 4 if layer is None else layer
     step = burr.radius / 2 if step is None else step

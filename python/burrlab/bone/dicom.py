@@ -450,6 +450,17 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
     -----
     Patient and study are empty; the image type is DERIVED. The same volume gets the same UIDs. Numbers have
     up to 16 characters, so the geometry is restored to 1e-11 mm.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> from burrlab.volume import Volume, write_dicom
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> ct = Volume(np.full((20, 20, 20), 1000, np.int16), np.full(3, 0.2), np.zeros(3), np.eye(3), "a cube")
+    >>> write_dicom(folder.name + "/ct", ct)
+    >>> bool((burrlab.read_volume(folder.name + "/ct").values == ct.values).all())
+    True
+    >>> folder.cleanup()
     """
     target = Path(folder)
     check_slices(volume)

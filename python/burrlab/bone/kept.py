@@ -649,6 +649,12 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
         If there is no such file or folder.
     ValueError
         If the file of the exact state is missing, or belongs to another content of the volume.
+
+    Examples
+    --------
+    >>> from burrlab.volume import load_drilled
+    >>> drilled = load_drilled("drilled.nrrd")  # doctest: +SKIP
+    >>> drilled.bone.removed  # doctest: +SKIP
     """
     target = Path(path)
     refuse(not target.exists(), f"{target}: no such file or folder", FileNotFoundError)

@@ -411,6 +411,18 @@ def cut_block(
     ------
     ValueError
         If a length is not positive, or the block has too many voxels; and as `VolumeRecipe.specimen`.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> from burrlab.volume import OccupancyMap, Volume, VolumeRecipe, cut_block
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> ct = Volume(np.full((20, 20, 20), 1000, np.int16), np.full(3, 0.2), np.zeros(3), np.eye(3), "a cube")
+    >>> burrlab.write_volume(folder.name + "/ct.nrrd", ct)
+    >>> recipe = VolumeRecipe(folder.name + "/ct.nrrd", OccupancyMap.two_point(0, 1000))
+    >>> cut_block(recipe, (2, 2, 1), 0.1, entry=(1.9, 1.9, 3.9), axis=(0, 0, -1)).shape
+    (10, 20, 20)
+    >>> folder.cleanup()
     """
     sides, apart = checked_spacing(size, "size"), float(checked_spacing(voxel, "voxel")[0])
     counts = np.maximum(np.round(sides / apart), 1)

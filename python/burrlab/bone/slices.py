@@ -712,6 +712,17 @@ def read_stack(
     Notes
     -----
     Transparent and black pixels are label 0. Partly transparent pixels count by their colour.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from PIL import Image
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> for k in range(3):
+    ...     Image.fromarray(np.full((4, 5), 100 * k, np.uint8)).save(f"{folder.name}/slice{k}.png")
+    >>> read_stack(folder.name, spacing=0.1).values.shape
+    (3, 4, 5)
+    >>> folder.cleanup()
     """
     return stack_of(path, spacing, palette, unknown, unit, transpose, ranking)
 

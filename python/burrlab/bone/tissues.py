@@ -225,7 +225,14 @@ def unlabelled(material: Material) -> Tissue:
 
 
 def label_counts(values: NDArray[Any], path: str) -> dict[int, int]:
-    """Number of voxels of each label, whole numbers; ValueError, which names the path, if one is negative."""
+    """Number of voxels of each label, whole numbers; ValueError, which names the path, if one is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> label_counts(np.array([0, 0, 3]), "labels.nrrd")
+    {0: 2, 3: 1}
+    """
     least = int(values.min())
     refuse(least < 0, f"{path}: labels must be zero or positive, got {least}: is this a grey volume?")
     every, large = np.zeros(1 << 16, np.int64), Counter[int]()

@@ -336,12 +336,10 @@ def effects_of(
 
     Examples
     --------
-    ::
-
-        player = burrlab.view.TracePlayer(trace)
-        effects = Effects(player.bone, seed=1)
-        for time in effects_of(player, effects):
-            scene.set_parcels(effects.parcels)
+    >>> player = burrlab.view.TracePlayer(trace)  # doctest: +SKIP
+    >>> effects = Effects(player.bone, seed=1)  # doctest: +SKIP
+    >>> for time in effects_of(player, effects):  # doctest: +SKIP
+    ...     scene.set_parcels(effects.parcels)
     """
     refuse(not 0 < rate < float("inf"), f"rate must be positive, got {rate!r}")
     if frames is None:

@@ -107,6 +107,21 @@ def export_volumetric_drilling(
     are its own (x, y, z). A trace does not hold stereo images, depth, segmentation, camera poses,
     intrinsics, extrinsics, baseline or torques (written as zeros). `burr_size` is the diameter, rounded to
     whole millimetres, as there.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file, clock = folder.name + "/session.h5", burrlab.Clock(wall_clock=False)
+    >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    >>> tool, hand = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.HandDevice((0, 0, 3.0))
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, clock=clock, record=file) as session:
+    ...     ended = session.wait()
+    >>> recording = folder.name + "/recording.hdf5"
+    >>> export_volumetric_drilling(burrlab.load_trace(file), recording)
+    >>> read_volumetric_drilling(recording)
+    DrillingRecording(new layout; 500 poses, 121 voxels removed from 1 structures; absent: -)
+    >>> folder.cleanup()
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
@@ -526,6 +541,12 @@ def read_volumetric_drilling(
     Read are the groups of "New Data Structure Format" and "Old Data Structure Format" of the repository
     LCSR-SICKKIDS/volumetric_drilling; cameras, images and other objects are not. Poses are those of
     `high_frequency_poses`, else of the stream of about 50 Hz.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> recording = burrlab.read_volumetric_drilling("20250312_1530.hdf5")  # doctest: +SKIP
+    >>> player = burrlab.view.RecordingPlayer(recording, bone)  # doctest: +SKIP
     """
     check_positive("scale", scale)
     single = isinstance(path, str | os.PathLike)

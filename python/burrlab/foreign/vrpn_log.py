@@ -96,6 +96,12 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     Read are Pos_Quat and Velocity of Trackers, Change and States of Buttons, and Force of ForceDevices, in the axes
     of their senders. Messages over UDP can come before the log names their numbers: they are of "sender 3", or
     counted as "type 7". How a Tracker's path drives a burr stands in docs/network.md.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> log = burrlab.read_vrpn_log("client_in.vrpn")  # doctest: +SKIP
+    >>> log.poses["Tracker0"]["position"]  # doctest: +SKIP
     """
     file = Path(path)
     content = file.read_bytes()

@@ -172,6 +172,19 @@ def read_answers(
         holds two subjects; or subject or task is unknown. The message names the line, if any.
     OSError
         If the file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "sub-01_task-drilling_events.tsv")
+    >>> names = "onset", "duration", "trial_type", "response", "correct", "response_time", "trial"
+    >>> rows = [names, ("0", "41", "AA", "same", "1", "0.5", "1"), ("60", "41", "AB", "same", "0", "0.5", "2")]
+    >>> _ = path.write_text("".join("\\t".join(row) + "\\n" for row in rows))
+    >>> answers = read_answers(path, task="same-different")
+    >>> answers.subject, [row.correct for row in answers.rows]
+    ('01', [True, False])
+    >>> folder.cleanup()
     """
     file, content = os.fspath(path), Path(path).read_bytes()
     car = read_side_car(path)
@@ -278,6 +291,12 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
         simulated subjects are mixed with people, or a task differs between subjects.
     OSError
         If a file cannot be read.
+
+    Examples
+    --------
+    >>> from burrlab.psychophysics import d_prime, read_folder
+    >>> for answers in read_folder("experiment"):  # doctest: +SKIP
+    ...     print(answers.subject, answers.name, d_prime(answers.counts()))
     """
     runs: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
@@ -326,6 +345,12 @@ def trial_rows(runs: Iterable[Answers]) -> list[dict[str, Any]]:
     list of dict
         Subject, task, day (UTC), mode, parameter and reference [N/mm^2 or 1/ms] of the run, then the columns of
         the files; times end in _s, forces in _N.
+
+    Examples
+    --------
+    >>> import pandas
+    >>> from burrlab.psychophysics import read_folder, trial_rows
+    >>> frame = pandas.DataFrame(trial_rows(read_folder("experiment")))  # doctest: +SKIP
     """
     return [
         {

@@ -359,6 +359,17 @@ def render(
     From the first contact on, the first tick with the tip, z - R, at or below the bottom is a break-through.
     The first tick in which the part of the sphere below the surface reaches a side of the block is a wall.
     Either ends the interval. The session ends some milliseconds later; the ticks in between are cut off.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.psychophysics import Interval, Stimulus, probing_hand
+    >>> burr, bone = burrlab.Burr(1.5), Stimulus("bone", burrlab.materials["bone"])
+    >>> rendered = render(
+    ...     Interval(bone, 1, 0.5), probing_hand(burr), burr=burr, bone=Block((10, 10, 4), 0.2), mode="probing", wall_clock=False
+    ... )
+    >>> rendered.ended, rendered.duration, rendered.reached
+    ('time', 0.5, True)
     """
     material = _material(interval, mode)
     refuse(

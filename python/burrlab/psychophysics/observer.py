@@ -158,6 +158,17 @@ def interval_cues(rendered: Rendered) -> Cues:
     -----
     Force and penetration are the model's, at the burr, without friction and inertia of the hand. A press
     begins where the force reaches half of the interval's largest and ends where it falls below a fifth.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.psychophysics import Block, Interval, Stimulus, probing_hand, render
+    >>> burr, bone = burrlab.Burr(1.5), Stimulus("bone", burrlab.materials["bone"])
+    >>> pressed = render(
+    ...     Interval(bone, 1, 0.5), probing_hand(burr), burr=burr, bone=Block((10, 10, 4), 0.2), mode="probing", wall_clock=False
+    ... )
+    >>> interval_cues(pressed).presses
+    1
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":

@@ -125,6 +125,16 @@ def rehearsed_order(
     """The order of one subject with all answers, for results such as a staircase's levels.
 
     Parameters and errors are those of `rehearse`; `name` is the subject's.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.psychophysics import ABX, SimulatedSubject, Stimulus
+    >>> soft, hard = (Stimulus(name, burrlab.materials[name]) for name in ("pvc", "bone"))
+    >>> design = ABX(soft, hard, mode="drilling", interval=1.0)
+    >>> order = rehearsed_order(design, SimulatedSubject(0.3, cues=["sinking"]), seed=1)
+    >>> [answer for _, answer in order.answered][:3]
+    ['first', 'first', 'first']
     """
     check_rehearsable(design)
     burr, bone = burr or Burr(3.0), bone or Block()
@@ -153,6 +163,15 @@ def teach(
     ------
     ValueError
         If the design does not have two materials, or its intervals lack the subject's cues.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.psychophysics import SameDifferent, SimulatedSubject, Stimulus
+    >>> soft, hard = (Stimulus(name, burrlab.materials[name]) for name in ("pvc", "bone"))
+    >>> design = SameDifferent(soft, hard, mode="drilling", interval=1.0)
+    >>> teach(SimulatedSubject(0.3, cues=["sinking"]), design).decision
+    'differencing'
     """
     if design.task == "2ifc":
         return subject

@@ -191,6 +191,24 @@ def anatomy_report(
         executes.
     TypeError
         If `trace` is not a trace.
+
+    Examples
+    --------
+    >>> import burrlab, numpy as np, tempfile
+    >>> from burrlab.anatomy import anatomy_report
+    >>> bone, m = burrlab.VoxelBone.block((10, 10, 5), 0.2, origin=(-4.9, -4.9, -4.9)), burrlab.materials["bone"]
+    >>> rows = [
+    ...     burrlab.Tissue(name, label=label, c_e=m.c_e, alpha=m.alpha, critical=name == "dura")
+    ...     for label, name in enumerate(("bone", "dura"), 1)
+    ... ]
+    >>> bone.set_tissues(burrlab.Tissues(rows, m), (np.indices(bone.shape)[0] < 10).astype(np.uint8))
+    >>> folder, clock = tempfile.TemporaryDirectory(), burrlab.Clock(wall_clock=False)
+    >>> hand, file = burrlab.HandDevice((0, 0, 3.0)), folder.name + "/session.h5"
+    >>> with burrlab.Session(bone, (burrlab.Burr(1.5), m), hand, seed=1, duration=0.5, clock=clock, record=file) as session:
+    ...     ended = session.wait()
+    >>> anatomy_report(burrlab.load_trace(file)).structures
+    ('dura',)
+    >>> folder.cleanup()
     """
     report, watch_progress = reporter(progress, "replay"), None if callable(progress) else progress
     check_trace(trace)

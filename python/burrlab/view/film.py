@@ -154,6 +154,14 @@ def write_video(
         If the ending is another, fps is out of range, there is no frame, or they differ in size.
     OSError
         If there is no ffmpeg for an MP4, or it fails; no file is left then.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> write_video(folder.name + "/film.gif", (np.full((48, 64, 3), shade, np.uint8) for shade in (0, 128, 255)))
+    3
+    >>> folder.cleanup()
     """
     file = Path(path)
     check_film(file, fps)

@@ -174,6 +174,7 @@ class Likelihood:
     data without scatter. Student's t has no such form: see `StudentSlices`.
     """
 
+    n_points = 240  #: of c_e, in the first walk
     #: ln alpha of each velocity row over that of the first data set, where data sets have one each
     own_alpha: Floats | float = 0.0
 

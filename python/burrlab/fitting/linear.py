@@ -318,18 +318,13 @@ class MixedEquations:
 
     def __init__(self, model: RowProducts, scatter2: Floats, effect2: Floats) -> None:
         self.model, self.scatter2, self.effect2 = model, scatter2, effect2
-        self.by_scatter = [G[:-1, :-1] / s2**2 for G, s2 in zip(model.products, scatter2, strict=True)]
-        self.C = np.asarray(sum(G * s2 for G, s2 in zip(self.by_scatter, scatter2, strict=True)))
+        self.C = np.asarray(sum(G[:-1, :-1] / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
         self.c = np.asarray(sum(G[:-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
         self.variance = np.full(len(self.c), np.inf)  # of each column; infinite for c_e and alpha
-        random = np.zeros(len(self.c), np.bool_)
-        for x, block, variance in zip(model.components, model.blocks, effect2, strict=True):
-            self.variance[block], random[block] = variance, not x.sought
-        self.M, H = self.inverse(np.arange(len(self.c)))
-        self.log_determinant = float(np.linalg.slogdet(H)[1])  # |V| |J' V^-1 J| over that of S
-        self.log_determinant_random = float(
-            np.linalg.slogdet(H[np.ix_(random, random)])[1]
-        )  # |V| over that of S
+        for block, variance in zip(model.blocks, effect2, strict=True):
+            self.variance[block] = variance
+        scale, self._H = self.scaled(self.C, self.variance)
+        self.M = scale[:, None] * np.linalg.inv(self._H) * scale
         self.solution = self.M @ self.c  # minus the effects, then minus the step
         self.squares = float(  # r' P r
             sum(G[-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True))
@@ -340,15 +335,25 @@ class MixedEquations:
         self, columns: Rows, C: Floats | None = None, variance: Floats | None = None
     ) -> tuple[Floats, Floats]:
         """M of some columns of W, and the matrix that is inverted for it; of other products and variances, if given."""
-        C = self.C[np.ix_(columns, columns)] if C is None else C
-        variance = self.variance[columns] if variance is None else variance
-        random = np.isfinite(variance)
-        scale = np.where(random, np.sqrt(np.where(random, np.abs(variance), 1.0)), 1.0)
-        H = scale[:, None] * C * scale
-        added = _DIAGONAL * np.einsum("...ii->...i", H)[..., ~random].sum(axis=-1)
-        at = np.arange(len(columns))
-        H[..., at, at] += np.where(random, np.where(variance < 0, -1.0, 1.0), np.expand_dims(added, -1))
+        scale, H = self.scaled(
+            self.C[np.ix_(columns, columns)] if C is None else C,
+            self.variance[columns] if variance is None else variance,
+        )
         return scale[:, None] * np.linalg.inv(H) * scale, H
+
+    @staticmethod
+    def scaled(C: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        """Standard deviations, 1 of columns without one, and C + D^-1 in their units."""
+        random = np.isfinite(variance)
+        scale = np.where(random, np.sqrt(np.abs(variance)), 1.0)
+        H = scale[:, None] * C * scale
+        diagonal = np.einsum("...ii->...i", H)  # a view
+        diagonal += np.where(
+            random,
+            np.where(variance < 0, -1.0, 1.0),
+            _DIAGONAL * diagonal[..., ~random].sum(axis=-1, keepdims=True),
+        )
+        return scale, H
 
     @property
     def definite(self) -> bool:
@@ -364,11 +369,18 @@ class MixedEquations:
 
     def criterion(self, restricted: bool = True) -> float:
         """-2 log of the restricted likelihood, or of the likelihood, without constants."""
-        return (
-            float(self.model.n @ np.log(self.scatter2))
-            + (self.log_determinant if restricted else self.log_determinant_random)
-            + self.squares
-        )
+        H = self._H
+        if not restricted:  # |V| over that of S, not |V| |J' V^-1 J|
+            random = np.isfinite(self.variance)
+            for x, block in zip(self.model.components, self.model.blocks, strict=True):
+                random[block] = not x.sought
+            H = H[np.ix_(random, random)]
+        return float(self.model.n @ np.log(self.scatter2) + np.linalg.slogdet(H)[1]) + self.squares
+
+    @cached_property
+    def by_scatter(self) -> list[Floats]:
+        """Minus the derivative of C by each squared scatter."""
+        return [G[:-1, :-1] / s2**2 for G, s2 in zip(self.model.products, self.scatter2, strict=True)]
 
     @cached_property
     def WPW(self) -> Floats:

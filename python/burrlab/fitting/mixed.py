@@ -224,6 +224,8 @@ class MixedLikelihood(Likelihood):
         The variances: of each scatter, of each component.
     """
 
+    n_points = 60  # each costs more; walks are closer where the likelihood bends
+
     def __init__(
         self, plain: Likelihood, components: Sequence[Component], point: tuple[float, float], shifts: Floats,
         scatter2: Floats, effect2: Floats,
@@ -341,7 +343,8 @@ class MixedLikelihood(Likelihood):
         ndarray, shape (m, a, k), and ndarray, shape (m, k, k)
         """
         shifts = self._parabola(c_e, self._whole)[1]
-        _, _, _, rZ, jZ, inner, _ = self._products(c_e, self._whole, shifts)
+        _, _, _, rZ, jZ, scale, H = self._products(c_e, self._whole, shifts)
+        inner = scale[:, None] * np.linalg.inv(H) * scale
         mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
         return np.nan_to_num(mean), inner[:, columns][..., columns]
 
@@ -360,8 +363,9 @@ class MixedLikelihood(Likelihood):
             shifts += self._follow * (np.log(self.point[0]) * self._of_specimen - own)
         for k in range(_STEPS):
             shifts = np.maximum(shifts, lowest)
-            rr, rj, jj, rZ, jZ, inner, H = self._products(stiffness, part, shifts)
-            undone, drawn = ((inner @ x[..., None])[..., 0] for x in (rZ, jZ))
+            rr, rj, jj, rZ, jZ, scale, H = self._products(stiffness, part, shifts)
+            sums = (scale * np.stack([rZ, jZ])).transpose(1, 2, 0)
+            undone, drawn = scale * np.linalg.solve(H, sums).transpose(2, 0, 1)
             B = jj - np.sum(drawn * jZ, axis=-1)
             m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
             steps = self._of_specimen * np.clip(
@@ -377,7 +381,7 @@ class MixedLikelihood(Likelihood):
         self, stiffness: Floats, part: "_Part", shifts: Floats
     ) -> tuple[Floats, Floats, float, Floats, Floats, Floats, Floats]:
         """Products of residuals r at alpha = 1, their derivative j by log alpha and the effects' columns Z: rr, rj,
-        jj, rZ, jZ; the effects' covariance given c_e and alpha, and the matrix that is inverted for it.
+        jj, rZ, jZ; and of the effects' covariance given c_e and alpha the scale and the inverse, in units of it.
 
         Rows are those of `part`, and about c_e of specimens that `shifts` has, shape (len(stiffness), effects)."""
         equations, model, own = self.equations, self.linear, None
@@ -398,24 +402,28 @@ class MixedLikelihood(Likelihood):
         rZ, jZ = np.zeros((2, n_points, n_effects))
         products = np.zeros((n_points if varying else 1, n_effects, n_effects))
         for k, (r, columns, s2) in enumerate(zip(residuals, model.columns, equations.scatter2, strict=True)):
-            Z, j = columns[:, :-3], columns[:, -2]
-            if varying:
-                Z = np.broadcast_to(Z, (n_points, *Z.shape)).copy()
-                for x, block, places in zip(self.components, model.blocks, model.places, strict=True):
-                    if x.quantity in varying and not (x.sought and x.quantity == "c_e"):
-                        Z[..., block] = varying[x.quantity][k][..., None] * places[k]
-                r = r - (Z @ shifts[..., None])[..., 0]
-                Z = Z @ part.turn
-            elif part.shifts.any():
-                r = r - shifts @ Z.T
-            products += Z.swapaxes(-2, -1) @ Z / s2
+            j = columns[:, -2]
+            effects = []  # of each component: its columns, which level each row has, and the rows' slopes
+            for x, block, tables in zip(self.components, model.blocks, model.places, strict=True):
+                fixed = x.quantity not in varying or (x.sought and x.quantity == "c_e")
+                slope = columns[:, block].sum(axis=1)[None] if fixed else varying[x.quantity][k]
+                effects.append((block, tables[k], slope))
+                if shifts[..., block].any():
+                    r = r - slope * (shifts[..., block] @ tables[k].T)
+            for block, places, slope in effects:
+                rZ[:, block] += (r * slope) @ places / s2
+                jZ[:, block] += (j * slope) @ places / s2
+                for other, others, other_slope in effects:
+                    pairs = places[:, :, None] * others[:, None]
+                    sums = (slope * other_slope) @ pairs.reshape(len(j), -1) / s2
+                    products[:, block, other] += sums.reshape(-1, *pairs.shape[1:])
             rr += np.sum(r**2, axis=-1) / s2
             rj += r @ j / s2
             jj += float(j @ j) / s2
-            rZ += np.matmul(r[:, None, :], Z)[:, 0] / s2
-            jZ += j @ Z / s2
+        if part is not self._whole:
+            rZ, jZ, products = rZ @ part.turn, jZ @ part.turn, part.turn.T @ products @ part.turn
         products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
-        return rr, rj, jj, rZ, jZ, *equations.inverse(np.arange(n_effects), products, part.variance)
+        return rr, rj, jj, rZ, jZ, *equations.scaled(products, part.variance)
 
     def _own_c_e(self, shifts: Floats) -> tuple[Floats, Floats]:
         """Of each velocity row and pressed row, from shape (points, effects)."""

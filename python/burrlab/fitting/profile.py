@@ -164,7 +164,6 @@ C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_
 _POINTS, _SUBPOINTS = 240, 12
 _KINKS = 1000  # of more kinks 240 part the first walk, and all those beside its minima the last one
 _CLOSER = 4
-_ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
 BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # further points, times the same c_e: there v is a power law of c_e
 ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
@@ -215,6 +214,7 @@ class Domain:
             high_hard,
             kinks,
             (box.lower[1], box.upper[1]) if "alpha" in bounds else (0.0, np.inf),
+            likelihood.n_points,
         )
 
     @property
@@ -472,7 +472,7 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
     begin = max(domain.entry, domain.low)
     if begin >= domain.high:
         return lowest
-    c_e = np.append(np.geomspace(begin, domain.high, _POINTS), max(begin, lowest.c_e))
+    c_e = np.append(np.geomspace(begin, domain.high, likelihood.n_points), max(begin, lowest.c_e))
     walk = Walk(likelihood, domain, np.unique(c_e))
     free = (walk.alpha == walk.slices.best_alpha) | (
         walk.c_e == lowest.c_e
@@ -516,8 +516,8 @@ def _valleys(y: Floats) -> list[int]:
 
 
 def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
-    """A walk that is closer at its lowest point and wherever its rise crosses a limit."""
-    walk = Walk(likelihood, domain, domain.grid)
+    """A walk that is closer at its lowest point, wherever its rise crosses a limit, and within each limit."""
+    walk, n_across = Walk(likelihood, domain, domain.grid), likelihood.n_points // 4
     part, rises = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1), np.unique(limits)[:, None]
     end = min(domain.high, BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
     for _ in range(3):
@@ -529,7 +529,7 @@ def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list
         finer = np.exp(np.log(c_e[left, None]) + np.log(c_e[left + 1] / c_e[left])[:, None] * part)
         first, last = inside.argmax(axis=1), len(c_e) - 1 - inside[:, ::-1].argmax(axis=1)
         low, high = np.minimum(c_e[first], end), np.minimum(c_e[last], end)
-        across = np.geomspace(low[high > low], high[high > low], _ACROSS)
+        across = np.geomspace(low[high > low], high[high > low], n_across)
         c_e = np.sort(
             np.concatenate([c_e, finer.ravel(), across.ravel(), np.clip([best], domain.low, domain.high)])
         )

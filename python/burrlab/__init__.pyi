@@ -78,7 +78,6 @@ from burrlab.session.exchange import read_script as read_script
 from burrlab.session.haply import HaplyDevice as HaplyDevice
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics
-from burrlab.session.recorder import TraceWriter as TraceWriter
 from burrlab.session.replay import Replay as Replay
 from burrlab.session.replay import replay as replay
 from burrlab.session.report import SessionReport as SessionReport
@@ -88,7 +87,6 @@ from burrlab.session.settings import Publish as Publish
 from burrlab.session.settings import Safety as Safety
 from burrlab.session.settings import StartingBone as StartingBone
 from burrlab.session.trace import Trace as Trace
-from burrlab.session.trace import TraceHeader as TraceHeader
 from burrlab.session.trace import load_trace as load_trace
 from burrlab.theory.continuum import Law as Law
 from burrlab.theory.continuum import MasterCurve as MasterCurve

@@ -14,13 +14,12 @@ from burrlab import (
     Safety,
     Session,
     StartingBone,
-    TraceHeader,
-    TraceWriter,
     VoxelBone,
     _core,
     load_trace,
     materials,
 )
+from burrlab.session.recorder import TraceWriter
 
 SEED = 7
 
@@ -127,7 +126,11 @@ def writer(file, *batches, burrs=1, reader=None, **options):
 
 def new_writer(file, reader, bone, tools, **settings):
     room = {name: settings.pop(name) for name in ("duration", "digest_every", "on_end") if name in settings}
-    return TraceWriter(file, reader, bone, TraceHeader(tools, **settings), **room)
+    about = {
+        "rate_Hz": 1e3 / settings.pop("period", 1.0), "scheme": "layer", "first_tick": 0, "devices": [""] * len(tools),
+        "source": {}, **settings,
+    }  # fmt: skip
+    return TraceWriter(file, reader, bone, tools, about, **room)
 
 
 def record(file, *batches, **options):

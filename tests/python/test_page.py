@@ -10,7 +10,7 @@ import pytest
 from anatomy_scenes import nerve_bone, tool
 from page_scenes import make_page, nerve_session, watched_trace  # noqa: F401
 from PIL import Image
-from session_scenes import FakeReader, ended
+from session_scenes import FakeReader, ended, new_writer
 
 import burrlab
 import burrlab.view.page as page_chart
@@ -170,7 +170,7 @@ def test_a_burr_far_away_is_looked_at(tmp_path):
 
 def test_a_trace_without_a_tick_has_all_its_parcels(tmp_path):
     record = tmp_path / "trace.h5"
-    burrlab.TraceWriter(record, FakeReader(), nerve_bone(), burrlab.TraceHeader([tool()], seed=1)).stop()
+    new_writer(record, FakeReader(), nerve_bone(), [tool()], seed=1).stop()
     trace = burrlab.load_trace(record)
     page = make_page(page_source(trace, Effects(trace.bone(), seed=1)))
     turn(page, 1.0)

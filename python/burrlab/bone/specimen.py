@@ -20,7 +20,7 @@ MOST_VOXELS = 2e8
 Vector = Sequence[float] | NDArray[np.float64]
 
 
-def unit_vector(axis: Vector) -> NDArray[np.float64]:
+def unit_vector(axis: ArrayLike) -> NDArray[np.float64]:
     """`axis` with length 1; ValueError unless it has three finite values, not all 0."""
     vector = real(axis, "axis")
     with np.errstate(over="ignore", invalid="ignore"):

@@ -5,22 +5,23 @@ import math
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import RecordReader, VoxelBone, most_watch_events
+from burrlab._core import Burr, Material, RecordReader, VoxelBone, most_watch_events
 from burrlab.anatomy.events import EVENT_DTYPE, Watched
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
 from burrlab.session.trace import (
     DIGEST_DTYPE,
     ENDED_LENGTH,
-    TraceHeader,
     create,
+    json_text,
     make_compact,
     row_dtype,
     to_rows,
@@ -53,7 +54,11 @@ class TraceWriter:
         Made before the loop was started.
     bone : VoxelBone
         The bone before the first tick; it is written at once and not used later.
-    header : TraceHeader
+    tools : sequence of (Burr, Material)
+        One a burr, in index order.
+    about : mapping
+        What the session says of itself, ready for JSON; the trace keeps all of it. As in `Session.provenance`, it
+        has seed, rate_Hz, scheme, first_tick, devices, source, and watch for the settings of a watch.
     duration : float
         Room for ticks, at one tick a period [s]. Recording stops when it is used up.
     digest_every : float
@@ -78,7 +83,7 @@ class TraceWriter:
     Raises
     ------
     ValueError
-        If the duration or digest_every is out of range.
+        If the duration or digest_every is out of range, or `about` is not JSON.
     FileExistsError
         If the file exists.
     OSError
@@ -96,7 +101,8 @@ class TraceWriter:
         path: str | os.PathLike[str],
         reader: RecordReader,
         bone: VoxelBone,
-        header: TraceHeader,
+        tools: Sequence[tuple[Burr, Material]],
+        about: Mapping[str, Any],
         *,
         duration: float = DEFAULT_DURATION,
         digest_every: float = 1.0,
@@ -105,13 +111,14 @@ class TraceWriter:
         self.path = Path(path)
         for name, value in (("duration", duration), ("digest_every", digest_every)):
             refuse(not 0 < value < math.inf, f"{name} must be positive, got {value}")
-        rows = max(1, math.ceil(duration * 1000.0 / header.period))
+        rows = max(1, math.ceil(duration * 1000.0 / (1e3 / about["rate_Hz"])))
         digests = math.ceil(duration / min(digest_every, 1.0)) + 16
+        json_text("note", about)  # here, for its own error
         refuse(self.path.exists(), f"path must be a new file, {self.path} exists", FileExistsError)
         with _named_at_end(self.path) as part:
-            self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
+            self._places = create(part, bone, tools, about, capacity=rows, digest_capacity=digests)
         self._reader: RecordReader | None = reader
-        self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
+        self._burrs, self._first, self._on_end = len(tools), about["first_tick"], on_end
         self._row_bytes, self._room, self.recorded = row_dtype(self._burrs).itemsize, rows, 0
         self.ended = self.warning = self.rescued = ""
         self.complete = False

@@ -3,7 +3,6 @@
 import atexit
 import contextlib
 import functools
-import json
 import os
 import signal
 import threading
@@ -43,7 +42,6 @@ from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
 from burrlab.session.settings import Clock, ForceLimits, Publish, Safety, StartingBone
-from burrlab.session.trace import TraceHeader
 
 Tool = tuple[Burr, Material]
 PlacedDevice = Device | tuple[Device, DeviceFrame]
@@ -260,13 +258,8 @@ class Session:
     def _open_trace(
         self, record: str | os.PathLike[str], duration: float, digest_every: float
     ) -> TraceWriter:
-        about = self.provenance
-        header = TraceHeader(
-            self.tools, self.seed, 1e3 / about["rate_Hz"], about["scheme"], about["first_tick"], about["devices"],
-            json.dumps(about["source"]), about, about.get("watch"),
-        )  # fmt: skip
         return TraceWriter(
-            record, RecordReader(self.loop), self._executor.bone, header, duration=duration,
+            record, RecordReader(self.loop), self._executor.bone, self.tools, self.provenance, duration=duration,
             digest_every=digest_every, on_end=functools.partial(_say_weakly, weakref.ref(self)),
         )  # fmt: skip
 

@@ -20,7 +20,6 @@ from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, re
 from burrlab.bone.header import told_notes
 from burrlab.bone.materials import constants_of, material_of
 from burrlab.bone.snapshot import (
-    check_tick,
     open_hdf5,
     read_bone,
     read_dataset,
@@ -110,67 +109,24 @@ def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str
         return json.dumps(dict(value or {}), allow_nan=False, **options)
 
 
-@dataclass(frozen=True, eq=False)
-class TraceHeader:
-    """What a trace says of its session before the first tick, besides the bone.
-
-    Parameters
-    ----------
-    tools : list of (Burr, Material)
-        One a burr, in index order.
-    seed : int
-        Seed of the session.
-    period : float
-        Loop period [ms].
-    scheme : {"layer", "cell"}
-    first_tick : int
-        Ticks executed earlier on this bone.
-    devices : sequence of str
-        Device names, one a burr.
-    source : str
-        Where the volume comes from.
-    note : mapping, optional
-        Further JSON data to keep, such as safety parameters.
-    watch : mapping, optional
-        Settings of a watch, as JSON data; its bone has tissues.
-
-    Raises
-    ------
-    ValueError
-        If there are not one or two tools, a seed, tick or period is out of range, or the note is not JSON.
-    """
-
-    tools: Sequence[tuple[Burr, Material]]
-    seed: int
-    period: float = 1.0
-    scheme: str = "layer"
-    first_tick: int = 0
-    devices: Sequence[str] = ()
-    source: str = ""
-    note: Mapping[str, Any] | None = None
-    watch: Mapping[str, Any] | None = None
-
-    def __post_init__(self) -> None:
-        refuse(not 1 <= len(self.tools) <= 2, f"number of tools must be 1 or 2, got {len(self.tools)}")
-        refuse(
-            not 0 <= self.seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {self.seed}"
-        )
-        check_tick(self.first_tick)
-        refuse(not 0 < self.period < np.inf, f"period must be positive, got {self.period}")
-        json_text("note", self.note)
-        json_text("watch", self.watch)
-
-
 def create(
-    path: Path, bone: VoxelBone, header: TraceHeader, *, capacity: int, digest_capacity: int
+    path: Path,
+    bone: VoxelBone,
+    tools: Sequence[tuple[Burr, Material]],
+    about: Mapping[str, Any],
+    *,
+    capacity: int,
+    digest_capacity: int,
 ) -> dict[str, int]:
     """Fills an empty file, without ticks; returns byte offsets of its datasets, those of a watch among them.
+
+    `tools` and `about` are those of a `TraceWriter`.
 
     The tables are allocated at once and never filled. On file systems with sparse files they take room only
     as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
     page.
     """
-    tools, period = header.tools, header.period
+    note, watch, period = json_text("note", about), about.get("watch"), 1e3 / about["rate_Hz"]
     row = file_dtype(len(tools))
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash
@@ -179,24 +135,24 @@ def create(
         put_attributes(file, {
             "format": FORMAT, "format_version": FORMAT_VERSION, **provenance(),
             "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
-            "seed": np.uint64(header.seed), "scheme": header.scheme, "period_ms": period, "loop_rate_Hz": 1000.0 / period,
-            "first_tick": np.uint64(header.first_tick), "burrs": len(tools), "initial_digest": bone.digest(),
+            "seed": np.uint64(about["seed"]), "scheme": about["scheme"], "period_ms": period, "loop_rate_Hz": 1000.0 / period,
+            "first_tick": np.uint64(about["first_tick"]), "burrs": len(tools), "initial_digest": bone.digest(),
         })  # fmt: skip
-        write_bone(file.create_group("volume"), bone, header.first_tick, source=header.source)
+        write_bone(file.create_group("volume"), bone, about["first_tick"], source=json.dumps(about["source"]))
         for i, (burr, material) in enumerate(tools):
             put_attributes(file.create_group(f"tools/{i}"), {
                 "radius_mm": burr.radius, "material": material.name, **constants_of(material), "source": material.source,
-                "device": header.devices[i] if i < len(header.devices) else "",
+                "device": about["devices"][i],
             })  # fmt: skip
-        file.create_dataset("note", data=np.bytes_(json_text("note", header.note).encode()))
+        file.create_dataset("note", data=np.bytes_(note.encode()))
         parts = {  # before the tables, so that a limit of the file's length cannot stop `ended`
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
             "complete": file.create_dataset("complete", data=np.uint8(0)),
         }
-        if header.watch:
-            parts |= create_watch(file, json_text("watch", header.watch), len(tools), len(bone.tissues or ()))
+        if watch:
+            parts |= create_watch(file, json_text("watch", watch), len(tools), len(bone.tissues or ()))
             parts["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
         parts |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),

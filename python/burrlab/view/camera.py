@@ -1,12 +1,13 @@
 """Viewpoints, the two eyes of a stereo pair, and the approach of a trace to the bone."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.bone.image import checked_point
+from burrlab.bone.specimen import unit_vector
 from burrlab.common.check import refuse
 from burrlab.session.player import Player, RecordingPlayer
 
@@ -29,16 +30,6 @@ class Viewpoint:
     def distance(self) -> float:
         """Distance from camera to focus [mm]."""
         return float(np.linalg.norm(np.subtract(self.position, self.focus)))
-
-
-def finite_point(name: str, point: ArrayLike) -> NDArray[np.float64]:
-    """The point as an array; ValueError unless it is three finite numbers."""
-    values = np.asarray(point, float)
-    refuse(
-        values.shape != (3,) or not np.isfinite(values).all(),
-        f"{name} must be three finite numbers (x, y, z) [mm], got {point!r}",
-    )
-    return values
 
 
 def surgeon_view(
@@ -75,7 +66,7 @@ def surgeon_view(
     >>> surgeon_view(burrlab.VoxelBone.block((4, 4, 4), 0.1), (2.0, 2.0, 4.0), (0.0, 0.0, -1.0), tilt=0.0).focus
     (2.0, 2.0, 4.0)
     """
-    into = _unit("axis", _DOWN if axis is None else axis)
+    into = unit_vector(_DOWN if axis is None else axis)
     spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])
     half = spacing * shape / 2
     middle = np.array(bone.origin) - spacing / 2 + half
@@ -84,7 +75,7 @@ def surgeon_view(
             middle - (0.35 if width is None else 1.0) * into * (half / np.maximum(np.abs(into), 1e-9)).min()
         )
     else:
-        focus = finite_point("entry", entry)
+        focus = checked_point(entry, "entry")
         beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))
         refuse(
             beyond > 2 * np.linalg.norm(half),
@@ -95,13 +86,13 @@ def surgeon_view(
 
 def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: float = _TILT) -> Viewpoint:
     """The view of `surgeon_view` at a point that may lie far from the bone, as a lifted burr does."""
-    into = _unit("axis", _DOWN if axis is None else axis)
+    into = unit_vector(_DOWN if axis is None else axis)
     refuse(
         not (np.isfinite(width) and width > 0 and np.isfinite(tilt)),
         f"width must be positive and tilt finite, got {width} and {tilt}",
     )
     side = np.eye(3)[2] if abs(into[2]) < 0.9 else np.eye(3)[1]
-    up = _unit("up", side - into * (side @ into))
+    up = unit_vector(side - into * (side @ into))
     lean = np.deg2rad(tilt)
     sight = np.cos(lean) * into + np.sin(lean) * up
     distance = width / (2 * np.tan(np.deg2rad(_ANGLE) / 2))
@@ -121,7 +112,8 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     aspect : float
         Width over height of the picture.
     """
-    right = _unit("right", np.cross(_unit("sight", np.subtract(view.focus, view.position)), view.up))
+    sight = unit_vector(np.subtract(view.focus, view.position))
+    right = unit_vector(np.cross(sight, view.up))
     half = 0.5 * separation * view.distance / _VIEWER
     half_width = view.distance * np.tan(np.deg2rad(view.angle) / 2) * aspect
     return [
@@ -136,16 +128,6 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
         )
         for way in (-half, half)
     ]
-
-
-def _unit(name: str, vector: Any) -> NDArray[np.float64]:
-    values = np.asarray(vector, float)
-    length = float(np.linalg.norm(values))
-    refuse(
-        values.shape != (3,) or not np.isfinite(length) or length == 0,
-        f"{name} must be three finite numbers, not all zero, got {vector!r}",
-    )
-    return values / length
 
 
 #: Time after first contact in which the force is along the normal; later the burr cuts sideways too [ms].

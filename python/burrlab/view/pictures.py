@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone, tissue_box
+from burrlab.bone.image import checked_point
 from burrlab.common.check import refuse
 from burrlab.common.figures import Axes, Panels, axes_or_new, drawing, panels, styled
-from burrlab.view.camera import finite_point
 from burrlab.view.surface import BONE, tissue_palette
 
 #: Plane -> (axis across it, axis to the right, axis upwards) of (x, y, z).
@@ -78,7 +78,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
         If the plane is another, or the point is not three finite numbers.
     """
     refuse(plane not in PLANES, f"plane must be one of {', '.join(PLANES)}, got '{plane}'")
-    at = finite_point("point", point)
+    at = checked_point(point, "point")
     across, right, up = PLANES[plane]
     shape, spacing, origin = bone.shape[::-1], bone.spacing, bone.origin
     index = int(np.clip(np.rint((at[across] - origin[across]) / spacing[across]), 0, shape[across] - 1))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.bone.image import checked_point
 from burrlab.common.check import check_positive, extra, refuse
 from burrlab.common.files import new_file
 from burrlab.view.actors import (
@@ -27,7 +28,7 @@ from burrlab.view.actors import (
     configure,
     new,
 )
-from burrlab.view.camera import Viewpoint, eyes, finite_point, surgeon_view
+from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.surface import Surface, blocks_in_sight, tissue_palette
 
 #: Debian packages for drawing without a screen; either choice is enough.
@@ -376,7 +377,7 @@ class Scene:
         """
         if point is not None:
             self.panel = self.panel or SlicePanel(self.plotter)
-            self.panel.point = finite_point("point", point)
+            self.panel.point = checked_point(point, "point")
         elif self.panel is not None:
             self.panel.remove()
             self.panel = None

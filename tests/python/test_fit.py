@@ -189,7 +189,7 @@ class TestHonesty:
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
         (lambda: fitted("wide").plot(alpha_lines="0.01"), ValueError, "alpha_lines must be of real numbers"),
         (lambda: fitted("wide").plot(log="x"), ValueError, "log must be True or False, got 'x'"),
-        (lambda: fitted("wide").plot(colour="red"), TypeError, "a plot has no property 'colour'; did you mean 'color'"),
+        (lambda: fitted("wide").plot(colour="red"), AttributeError, "unexpected keyword argument 'colour'"),
         (lambda: fitted("wide").intervals["ce"], ValueError, "intervals are of c_e, alpha: got 'ce'; did you mean 'c_e'"),
         (lambda: Fit.from_json('{"a": 1}'), ValueError, "file must be a name or an open file"),
         *((lambda f=force: fitted("wide").velocity(f), ValueError, match) for force, match in (

@@ -540,25 +540,13 @@ class LabelledRecipe(_CachedRecipe):
         beside = Path(path).parent / Path(self.labels).name
         return replace(self, grey=self.grey.at(path), labels=str(beside) if beside.exists() else self.labels)
 
-    def made(self) -> LabelledBone:
-        """The bone and its notes; they are made once.
-
-        Raises
-        ------
-        FileNotFoundError, ImportError
-            As `read_labels` and `read_stack`.
-        ValueError
-            As these and `labelled_bone`; or if the slices are grey.
-        """
-        return self._made
-
     def bone(self) -> VoxelBone:
-        """A copy of the bone; errors as `made`."""
-        return self._kept_bone() or self.made().bone.copy()
+        """A copy of the bone; errors as `read_labels`, `read_stack` and `labelled_bone`."""
+        return self._kept_bone() or self._made.bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on assumptions in making the bone; errors as `made`."""
-        return self.made().notes if self._kept is None else self.grid().notes
+        """Notes on assumptions in making the bone; errors as `bone`."""
+        return self._made.notes if self._kept is None else self.grid().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
@@ -707,15 +695,12 @@ class DrilledRecipe(_FileRecipe):
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
-        transpose = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
-        return {"kind": self._KIND, "path": self.path, "digest": self.drilled().bone.digest(), **transpose}
-
-    def drilled(self) -> DrilledVolume:
-        """Content of the file; it is read once."""
-        return self._drilled
+        transpose = {"transpose": self._drilled.transpose} if is_stack(self.path) else {}
+        return {"kind": self._KIND, "path": self.path, "digest": self._drilled.bone.digest(), **transpose}
 
     @cached_property
     def _drilled(self) -> DrilledVolume:
+        """Content of the file; it is read once."""
         drilled = (
             DrilledVolume(*load_bone(self.path), None, self.path, self.path)
             if holds_bone(self.path)
@@ -731,16 +716,16 @@ class DrilledRecipe(_FileRecipe):
     @property
     def tick(self) -> int:
         """Ticks executed on the bone so far."""
-        return self.drilled().tick
+        return self._drilled.tick
 
     @property
     def mapping(self) -> OccupancyMap | None:
         """Map of the volume's grey values."""
-        return self.drilled().mapping
+        return self._drilled.mapping
 
     def bone(self) -> VoxelBone:
         """A copy of the bone."""
-        return self.drilled().bone.copy()
+        return self._drilled.bone.copy()
 
     def notes(self) -> tuple[str, ...]:
         """Notes on earlier ticks, and on assumptions in reading the volume."""
@@ -759,7 +744,7 @@ class DrilledRecipe(_FileRecipe):
 
     @cached_property
     def _volume(self) -> Volume | LabelVolume:
-        return self.drilled().volume()
+        return self._drilled.volume()
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
@@ -773,7 +758,7 @@ class DrilledRecipe(_FileRecipe):
         return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
 
     def _voxel(self) -> ArrayLike:
-        return self.drilled().bone.spacing
+        return self._drilled.bone.spacing
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
 
-from burrlab.common.check import nearest, refuse
+from burrlab.common.check import refuse
 
 # matplotlib takes a quarter of a second to import, and a fit draws nothing
 if TYPE_CHECKING:
@@ -188,16 +188,7 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         ax, log = arguments.get("ax"), arguments.get("log", False)
         refuse(not isinstance(log, bool | np.bool_), f"log must be True or False, got {log!r}")
         limits = _freed_limits(_axes_of(ax))
-        try:
-            drawn = draw(*args, **kwargs)
-        except AttributeError as error:
-            unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
-            if not unknown or unknown[1] not in kwargs:
-                raise
-            from matplotlib import artist, lines
-
-            near = nearest(unknown[1], artist.ArtistInspector(lines.Line2D).get_setters())
-            raise TypeError(f"a plot has no property {unknown[1]!r}{near}") from None
+        drawn = draw(*args, **kwargs)
         for axes in drawn if isinstance(drawn, list) else [drawn]:
             for name, interval in zip("xy", limits.get(axes, ()), strict=False):
                 _widen(axes, name, interval)

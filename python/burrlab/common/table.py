@@ -636,23 +636,12 @@ def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":
     return frame
 
 
-class Tabulated(ABC):
-    """A result that is a table too, for pandas and for a paper."""
+class Tabulated(Tabular):
+    """A result that is a table for a paper too.
 
-    @abstractmethod
-    def _columns(self) -> Mapping[str, Sequence[Any]]:
-        """The columns by their names."""
-
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """The estimates and the ends of their 95 % intervals, a row each; an open end is None, and NaN stands where
-        there is no interval.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return dataframe(self._columns())
+    Its rows are the estimates and the ends of their 95 % intervals; an open end is None, and NaN stands where there
+    is no interval.
+    """
 
     def to_latex(self) -> str:
         """The table of `to_dataframe` in LaTeX, with the rules of the package booktabs; an open end is called open."""
@@ -662,7 +651,7 @@ class Tabulated(ABC):
             text = "" if text == "nan" else text
             return re.sub(r"[%&_#$^{}]", lambda found: "\\^{}" if found[0] == "^" else f"\\{found[0]}", text)
 
-        columns = self._columns()
+        columns = self._table()
         kinds = [
             "r" if all(isinstance(x, float | None) for x in column) else "l" for column in columns.values()
         ]

@@ -222,7 +222,7 @@ class Comparison(InJson, Tabulated):
         outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
         return f"{seen}: {outcome} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
 
-    def _columns(self) -> dict[str, list[Any]]:
+    def _table(self) -> dict[str, list[Any]]:
         rows = [
             (
                 " over ".join(pair.names[::-1]),

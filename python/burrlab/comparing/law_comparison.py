@@ -248,7 +248,7 @@ class LawComparison(Tabulated):
         ]
         return tuple(line[0].upper() + line[1:] for line in lines)
 
-    def _columns(self) -> dict[str, list[Any]]:
+    def _table(self) -> dict[str, list[Any]]:
         rows = self.rows
         return {
             "law": [row.name for row in rows],
@@ -332,8 +332,8 @@ class LawComparison(Tabulated):
             for name, x in self.exponents.items()
         }
         return dict(Codec().plain({
-            "rows": [dict(zip(self._columns(), cells, strict=True)) | {"tests": row.tests}
-                     for row, cells in zip(self.rows, zip(*self._columns().values(), strict=True), strict=True)],
+            "rows": [dict(zip(self._table(), cells, strict=True)) | {"tests": row.tests}
+                     for row, cells in zip(self.rows, zip(*self._table().values(), strict=True), strict=True)],
             "exponents": exponents, "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
             "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
         }))  # fmt: skip

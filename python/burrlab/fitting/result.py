@@ -678,7 +678,7 @@ class Fit(FitRecord, Tabulated):
         ax.set(xlabel=place, ylabel=f"studentised residual [sigma]{why}")
         return ax
 
-    def _columns(self) -> dict[str, list[Any]]:
+    def _table(self) -> dict[str, list[Any]]:
         return report.parameter_columns(self)
 
     def __repr__(self) -> str:

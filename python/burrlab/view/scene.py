@@ -93,7 +93,7 @@ class StereoEyes:
     """
 
     def __init__(self, plotter: Any, note: str = "") -> None:
-        self.plotter, self.separation, self.swap = plotter, 0.0, False
+        self.plotter = plotter
         main = plotter.renderer
         ground = {
             name: getattr(main, f"Get{name}")()
@@ -106,15 +106,10 @@ class StereoEyes:
                 renderer.AddLight(light)
             plotter.render_window.AddRenderer(renderer)
         self.scales = [ScaleBar(renderer, note) for renderer in self.renderers]
-        self.on = False
 
-    @property
-    def on(self) -> bool:
-        """Whether the two eyes are drawn instead of the view between them."""
-        return not self.plotter.renderer.GetDraw()
-
-    @on.setter
-    def on(self, on: bool) -> None:
+    def turn(self, on: bool, separation: float, swap: bool) -> None:
+        """Draws the two eyes instead of the view between them, or that view alone."""
+        self.on, self.separation, self.swap = on, separation, swap
         self.plotter.renderer.SetDraw(not on)
         for renderer in self.renderers:
             renderer.SetDraw(on)
@@ -431,7 +426,7 @@ class Scene:
             not (np.isfinite(separation) and separation >= 0),
             f"separation must be zero or positive and finite, got {separation}",
         )
-        self._eyes.on, self._eyes.separation, self._eyes.swap = on, separation, swap
+        self._eyes.turn(on, separation, swap)
 
     def picture(self) -> NDArray[np.uint8]:
         """The present picture of the scene, (height, width, 3)."""
@@ -475,7 +470,7 @@ class Scene:
             return self.picture()
         finally:
             self.plotter.window_size = width, height
-            self._eyes.on, self._eyes.separation, self._eyes.swap = before
+            self._eyes.turn(*before)
 
     def stereo_pair(
         self, path: str | os.PathLike[str], separation: float = 62.0, *, swap: bool = False

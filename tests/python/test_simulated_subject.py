@@ -26,11 +26,9 @@ from burrlab.psychophysics.observer import (
     task_of,
 )
 from burrlab.psychophysics.rehearsal import (
-    noise_for_score,
     predicted_d_prime,
     rehearse,
     stood_in,
-    task1_table,
     teach,
 )
 from burrlab.psychophysics.rules import counts_of, rule_of
@@ -39,6 +37,7 @@ FALSE_ALARM = 1e-6
 MANY = 6000
 SEED = 20041107
 SMALL = Block((20, 20, 6), 0.2)
+COARSE = Block(voxel=0.2)
 BURR = burrlab.Burr(3.0)
 A, B = Cues(stiffness=1.0, force=0.0), Cues(stiffness=0.0, force=1.0)
 STIMULI = {name: Stimulus(name, burrlab.materials[name]) for name in ("bone", "pettigrew", "pvc")}
@@ -214,50 +213,34 @@ def test_counts_are_of_different_and_of_first(task, signal, expected):
     assert {task_of(trial(kind, correct)) for kind, correct, _ in KINDS[task]} == {task}
 
 
-def test_table_of_task_one():
-    table = task1_table(bone=Block(voxel=0.2))
-    at = table.row
+def predicted(cue, noise, *, pair=("bone", "pvc"), decision="differencing"):
+    """The expected score of 12 of an observer with this noise of one cue, by the cues of rendered intervals."""
+    materials = (burrlab.materials[name] for name in pair)
+    mode = "drilling" if cue == "sinking" else "probing"
+    subject = SimulatedSubject(noise, (cue,), decision)
+    return predicted_d_prime(*materials, mode, subject, bone=COARSE).power.rows[0]
+
+
+def test_scores_of_task_one():
+    harder = ("bone", "pettigrew")
     for decision, noise in (("differencing", 0.37), ("covert", 0.45)):
-        assert 8.5 < at("probing stiffness", "bone-pettigrew", decision, 0.10).score < 9.5
-        assert table.noise_of_published["probing stiffness", decision] == pytest.approx(noise, abs=0.01)
-    assert at("probing stiffness", "bone-pettigrew", "differencing", 0.45).low < 6.0  # chance
+        assert 8.5 < predicted("stiffness", 0.10, pair=harder, decision=decision).score < 9.5
+        # the paper's mean for bone and PVC
+        less, more = (predicted("stiffness", noise + x, decision=decision).score for x in (-0.01, 0.01))
+        assert less > 9.3 > more
+    chance = predicted("stiffness", 0.45, pair=harder)
+    assert chance.score - 1.96 * chance.score_sd / math.sqrt(20) < 6.0
     # Depth after 20 s tells bone from PVC at any published noise, but not bone from Pettigrew at 45 %.
-    assert at("sinking speed", "bone-pvc", "differencing", 0.45).score > 11.3
-    assert at("sinking speed", "bone-pettigrew", "differencing", 0.45).score < 7.5
-    assert table.noise_of_published["sinking speed", "differencing"] > 0.8
-    both = at("all", "bone-pvc", "differencing", 1.0)
-    assert both.d_prime == pytest.approx(math.sqrt(sum(v**2 for v in table.differences["bone-pvc"].values())))
-    assert "bone-pettigrew" in str(table)
-    assert len(table.rows) == 4 * 3 * 2 * 8
-
-
-def test_table_by_hand():
-    noise = 0.5
-    table = task1_table(differences="closed form", noises=(noise,), lapse=0.0)
-    difference = table.differences["bone-pvc"]["stiffness"]
-    row = table.row("probing stiffness", "bone-pvc", "covert", noise)
-    p = norm.cdf(0.5 * difference / noise) ** 2 + norm.cdf(-0.5 * difference / noise) ** 2
-    assert row.score == pytest.approx(12 * p)
-    assert row.high - row.score == pytest.approx(1.959964 * math.sqrt(12 * p * (1 - p) / 20))
-    for decision in ("differencing", "covert"):
-        noise = noise_for_score(9.0, difference, decision, lapse=0.0)
-        same = task1_table(differences="closed form", noises=(noise,), lapse=0.0)
-        assert same.row("probing stiffness", "bone-pvc", decision, noise).score == pytest.approx(9.0)
-        assert noise_for_score(11.99, 1.0, decision) is noise_for_score(5.0, 1.0, decision) is None
-    refused(
-        (
-            lambda: table.row("probing force", "bone-ivory", "covert", 0.5),
-            "the table has no row probing force, bone-ivory, covert",
-        )
-    )
+    assert predicted("sinking", 0.45).score > 11.3
+    assert predicted("sinking", 0.45, pair=harder).score < 7.5
+    assert predicted("sinking", 0.8).score > 9.6  # the paper's mean
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("mode", "name", "cue", "noise"),
-    [("probing", "probing stiffness", "stiffness", 0.36), ("drilling", "sinking speed", "sinking", 0.7)],
+    ("mode", "cue", "noise"), [("probing", "stiffness", 0.36), ("drilling", "sinking", 0.7)]
 )
-def test_every_interval_rendered_scores_as_the_table_says(mode, name, cue, noise, monkeypatch):
+def test_every_interval_rendered_scores_as_predicted(mode, cue, noise, monkeypatch):
     def felt(task, interval, burr, bone):
         hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
         rendered = render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False)
@@ -265,13 +248,11 @@ def test_every_interval_rendered_scores_as_the_table_says(mode, name, cue, noise
         return interval_cues(rendered)
 
     monkeypatch.setattr("burrlab.psychophysics.rehearsal._felt", felt)
-    task, bone = design(mode=mode, interval=20.0), Block(voxel=0.2)
-    found = rehearse(task, SimulatedSubject(noise, (cue,)), subjects=5, seed=SEED, bone=bone)
-    expected = task1_table(bone=bone).row(name, "bone-pvc", "differencing", noise).score / 12
-    assert agrees(sum(counts.score for counts in found), 60, expected)
+    task = design(mode=mode, interval=20.0)
+    found = rehearse(task, SimulatedSubject(noise, (cue,)), subjects=5, seed=SEED, bone=COARSE)
+    assert agrees(sum(counts.score for counts in found), 60, predicted(cue, noise).score / 12)
 
 
-COARSE = Block(voxel=0.2)
 NAMES = ["bone", "pettigrew", "pvc"]
 
 
@@ -383,9 +364,11 @@ def test_closed_form_of_stiffness():
     d_prime = 2 / 3 * math.log(BONE.c_e / PVC.c_e) / 0.36
     assert (found.d_prime, found.by_cue) == (pytest.approx(d_prime), {"stiffness": pytest.approx(d_prime)})
     p = norm.cdf(d_prime / 2) ** 2 + norm.cdf(-d_prime / 2) ** 2
-    assert (found.score, found.rule) == (pytest.approx(12 * p), "independent-observations")
+    (row,) = found.power.rows
+    assert (row.score, row.rule) == (pytest.approx(12 * p), "independent-observations")
+    assert row.score_sd == pytest.approx(math.sqrt(12 * p * (1 - p)))
     # 10 of 12 are needed at 5 %; without bias both kinds of trial have the same proportion correct.
-    assert found.power.rows[0].subject == pytest.approx(binom.sf(9, 12, p))
+    assert row.subject == pytest.approx(binom.sf(9, 12, p))
 
 
 def test_cues_add_in_squares_and_rendered_ones_are_those_of_the_equations():
@@ -449,9 +432,6 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
         (lambda: rehearse(design(), SINKING, seed=1, bone=SMALL), "cue sinking must have a value"),
         (lambda: rehearse(HELD, SINKING, seed=1), "design must not hold the sinking speed"),
         (lambda: rehearse(ALIKE, SUBJECT, seed=1, bone=SMALL), "design must have two materials, got 1"),
-        (lambda: task1_table(differences="felt"),
-         "differences must be one of rendered, closed form, got 'felt'"),
-        (lambda: task1_table(differences="closed form", noises=(0.0,)), r"noises must be positive and finite, got 0\.0"),
         (lambda: probing_hand(BURR, push=-1), "push must be zero or positive"),
         (lambda: probing_hand(BURR, presses=-1), "presses must be zero or positive"),
         (lambda: drilling_hand(BURR, push=-1), "push must be zero or positive"),

@@ -43,11 +43,9 @@ from burrlab.psychophysics.psychometric import psychometric_function as psychome
 from burrlab.psychophysics.rehearsal import Prediction as Prediction
 from burrlab.psychophysics.rehearsal import PsychometricSeat as PsychometricSeat
 from burrlab.psychophysics.rehearsal import SimulatedSeat as SimulatedSeat
-from burrlab.psychophysics.rehearsal import TaskOneTable as TaskOneTable
 from burrlab.psychophysics.rehearsal import predicted_d_prime as predicted_d_prime
 from burrlab.psychophysics.rehearsal import rehearse as rehearse
 from burrlab.psychophysics.rehearsal import rehearsed_order as rehearsed_order
-from burrlab.psychophysics.rehearsal import task1_table as task1_table
 from burrlab.psychophysics.rehearsal import teach as teach
 from burrlab.psychophysics.rules import Counts as Counts
 from burrlab.psychophysics.rules import rule_of as rule_of

@@ -101,7 +101,6 @@ def drilling_hand(
 
 CueName: TypeAlias = Literal["stiffness", "force", "sinking", "change"]
 
-CUES: tuple[CueName, ...] = ("stiffness", "force", "sinking")  # that two materials differ in
 CUES_OF: dict[Mode, tuple[CueName, ...]] = {
     "probing": ("stiffness", "force"),
     "drilling": ("sinking", "change"),

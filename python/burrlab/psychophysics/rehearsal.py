@@ -1,16 +1,13 @@
-"""Simulated subjects: rehearsals, predicted scores, the paper's Task 1, and a seat in a run."""
+"""Simulated subjects: rehearsals, predicted scores, and a seat in a run."""
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-import scipy
 
 from burrlab._core import Burr, Material
-from burrlab.bone.materials import materials
 from burrlab.common.check import refuse
 from burrlab.psychophysics.designs import (
     ABX,
@@ -26,9 +23,7 @@ from burrlab.psychophysics.designs import (
 )
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
-    CUES,
     CUES_OF,
-    DECISIONS,
     CueName,
     Cues,
     Decision,
@@ -37,9 +32,9 @@ from burrlab.psychophysics.observer import (
     interval_cues,
     rendered_cues,
 )
-from burrlab.psychophysics.power import DesignPower, Observer, design_power
+from burrlab.psychophysics.power import DesignPower, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
-from burrlab.psychophysics.rules import LAPSE, Counts, RuleName, TaskName, counts_of, one_of, rule_of
+from burrlab.psychophysics.rules import LAPSE, Counts, TaskName, counts_of, one_of
 from burrlab.psychophysics.run import Seat
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
@@ -213,50 +208,37 @@ def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cu
 
 @dataclass(frozen=True)
 class Prediction:
-    """d' and score of a simulated subject, with the power to show them. Prints as two lines. Made by `predicted_d_prime`.
+    """d' of a simulated subject, with the score and the power that follow. Prints as two lines. Made by `predicted_d_prime`.
 
     Attributes
     ----------
-    task : {"same-different", "abx", "2ifc"}
     mode : {"probing", "drilling"}
-    rule : {"differencing", "independent-observations"}
-        The subject's rule.
     differences : dict
         Difference of each cue's logarithm, a minus b.
     by_cue : dict
         d' of each cue alone.
     d_prime : float
         d' of all the subject's cues together.
-    trials, subjects : int
-        Trials per subject, and subjects.
-    score : float
-        Expected score of one subject.
-    lapse : float
     power : DesignPower
-        Power of one subject's binomial test, and of the t test of a group.
+        Its one row, at this d', has the score of one subject and the power of his binomial test, and of the t test of
+        a group.
     """
 
-    task: TaskName
     mode: Mode
-    rule: RuleName
     differences: dict[CueName, float]
     by_cue: dict[CueName, float]
     d_prime: float
-    trials: int
-    subjects: int
-    score: float
-    lapse: float
     power: DesignPower
 
     def __str__(self) -> str:
         parts = ", ".join(
             f"{cue} {d:.2f} (ln ratio {self.differences[cue]:+.3f})" for cue, d in self.by_cue.items()
         )
-        row = self.power.rows[0]
-        group = "" if row.group is None else f", of {self.subjects} subjects {100 * row.group:.0f} %"
+        power, row = self.power, self.power.rows[0]
+        group = "" if row.group is None else f", of {power.subjects} subjects {100 * row.group:.0f} %"
         return "\n".join([
-            f"{self.task} by {self.mode}, {self.rule}: d' {self.d_prime:.2f}: {parts}",
-            f"expected score {self.score:.1f} of {self.trials} ({100 * self.lapse:g} % lapses); power of one "
+            f"{power.task} by {self.mode}, {row.rule}: d' {self.d_prime:.2f}: {parts}",
+            f"expected score {row.score:.1f} of {power.trials} ({100 * power.lapse:g} % lapses); power of one "
             f"subject {100 * row.subject:.0f} %{group}",
         ])  # fmt: skip
 
@@ -331,242 +313,18 @@ def predicted_d_prime(
         for material in (a, b)
     ]
     taught = subject.taught(*pair)
-    d_prime, rule = taught.d_prime, rule_of(task, subject.rule)
     return Prediction(
-        task=task,
         mode=mode,
-        rule=subject.rule,
         differences={cue: getattr(pair[0], cue) - getattr(pair[1], cue) for cue in subject.cues},
         by_cue={
             cue: 0.0 if math.isclose(*(getattr(felt, cue) for felt in pair)) else replace(taught, cues=(cue,)).d_prime
             for cue in subject.cues
         },
-        d_prime=d_prime,
-        trials=trials,
-        subjects=subjects,
-        score=trials * float(rule.proportion_correct(d_prime, lapse=subject.lapse)),
-        lapse=subject.lapse,
+        d_prime=taught.d_prime,
         power=design_power(
-            task, trials=trials, subjects=subjects, rules=(subject.rule,), d_primes=(d_prime,), lapse=subject.lapse
+            task, trials=trials, subjects=subjects, rules=(subject.rule,), d_primes=(taught.d_prime,), lapse=subject.lapse
         ),
     )  # fmt: skip
-
-
-PAIRS = (("bone", "pvc"), ("bone", "pettigrew"), ("pvc", "pettigrew"))
-TRIALS = 12
-SUBJECTS = 20
-
-_Z = 1.959964  # for 95 %
-_NAMES: dict[str, tuple[CueName, ...]] = {
-    "probing stiffness": ("stiffness",), "probing force": ("force",), "sinking speed": ("sinking",), "all": CUES,
-}  # fmt: skip
-#: The paper's mean score for bone and PVC, in probing and in drilling, to compare with each cue.
-_PUBLISHED_FOR = {cue: 9.3 if cue.startswith("probing") else 9.6 for cue in _NAMES}
-
-
-@dataclass(frozen=True)
-class TaskOneRow:
-    """One cell of the table.
-
-    Attributes
-    ----------
-    cue, pair, decision : str
-    noise : float
-        Weber fraction of each cue.
-    d_prime : float
-    score : float
-        Expected score of 12.
-    low, high : float
-        Range of the mean score of 20 such subjects in 95 % of experiments.
-    """
-
-    cue: str
-    pair: str
-    decision: Decision
-    noise: float
-    d_prime: float
-    score: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class TaskOneTable:
-    """Expected scores of Task 1. Made by `task1_table`.
-
-    Attributes
-    ----------
-    rows : tuple of TaskOneRow
-    differences : dict
-        pair -> cue -> difference of the logarithm between the two materials.
-    noise_of_published : dict
-        (cue, decision) -> noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the
-        probing cues, 9.6 for sinking speed and for all. None if no noise gives the mean.
-    source : str
-        Source of the differences.
-    lapse : float
-    """
-
-    rows: tuple[TaskOneRow, ...]
-    differences: dict[str, dict[str, float]]
-    noise_of_published: dict[tuple[str, str], float | None]
-    source: str
-    lapse: float
-
-    def row(self, cue: str, pair: str, decision: str, noise: float) -> TaskOneRow:
-        """The row of these values; ValueError if there is none."""
-        rows = [
-            row for row in self.rows
-            if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise)
-        ]  # fmt: skip
-        refuse(not rows, f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
-        return rows[0]
-
-    def __str__(self) -> str:
-        noises = sorted({row.noise for row in self.rows})
-        lines = [
-            f"Score of {TRIALS}, differences {self.source}, lapse {self.lapse:g}; the mean of {SUBJECTS} "
-            "subjects lies within +- the second number in 95 %"
-        ]
-        for decision in dict.fromkeys(row.decision for row in self.rows):
-            lines += ["", f"{decision:<36}" + "".join(f"{100 * noise:>12.0f} %" for noise in noises)]
-            for cue in dict.fromkeys(row.cue for row in self.rows):
-                for pair in self.differences:
-                    cells = [self.row(cue, pair, decision, noise) for noise in noises]
-                    lines.append(
-                        f"{cue:<18}{pair:<18}"
-                        + "".join(f"{c.score:>8.1f} +- {0.5 * (c.high - c.low):.1f}" for c in cells)
-                    )
-        lines.append("")
-        for (cue, rule), noise in self.noise_of_published.items():
-            noise_text = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
-            lines.append(
-                f"{cue}, {rule}: {noise_text} gives the paper's {_PUBLISHED_FOR[cue]} for bone and PVC"
-            )
-        return "\n".join(lines)
-
-
-def task1_table(
-    *,
-    differences: Literal["rendered", "closed form"] = "rendered",
-    noises: Sequence[float] = (0.07, 0.10, 0.15, 0.22, 0.36, 0.45, 0.70, 1.00),
-    lapse: float = LAPSE,
-    burr: Burr | None = None,
-    bone: Block | None = None,
-) -> TaskOneTable:
-    """Expected scores of 12 of equal, unbiased observers.
-
-    Parameters
-    ----------
-    differences : {"rendered", "closed form"}
-        Source of the differences of the cues' logarithms: intervals rendered with the simulated hands, or
-        `closed_form_cues`.
-    noises : sequence of float
-        Weber fractions, each for every cue.
-    lapse : float
-    burr : Burr, optional
-        Default R = 3 mm.
-    bone : Block, optional
-        Default `Block()`.
-
-    Returns
-    -------
-    TaskOneTable
-
-    Raises
-    ------
-    ValueError
-        If `differences` is another text, or a noise is not positive.
-
-    Notes
-    -----
-    Scores are exact, without simulation: d' = difference/noise (for several cues, the root of the sum of
-    squares), with the rates of `rule_of`. The range is that of the mean of 20 independent scores, each the
-    sum of 6 + 6 answers. "all" combines cues that no interval of the paper has together, so it is an upper
-    limit.
-
-    Examples
-    --------
-    >>> table = task1_table(differences="closed form", noises=(0.1, 0.3))
-    >>> print(str(table).splitlines()[3])
-    probing stiffness bone-pvc              11.9 +- 0.2    10.0 +- 0.6
-    """
-    cue_differences = _differences(differences, burr or Burr(3.0), bone or Block())
-    for noise in noises:
-        refuse(not 0.0 < noise < math.inf, f"noises must be positive and finite, got {noise!r}")
-    rows = [
-        _row(name, pair, decision, noise, _distance(cue_differences[pair], cues), lapse)
-        for name, cues in _NAMES.items()
-        for pair in cue_differences
-        for decision in DECISIONS
-        for noise in noises
-    ]
-    first = next(iter(cue_differences))
-    published: dict[tuple[str, str], float | None] = {
-        (name, decision): noise_for_score(_PUBLISHED_FOR[name], _distance(cue_differences[first], cues), decision, lapse=lapse)
-        for name, cues in _NAMES.items()
-        for decision in DECISIONS
-    }  # fmt: skip
-    return TaskOneTable(tuple(rows), cue_differences, published, differences, lapse)
-
-
-def noise_for_score(
-    score: float, difference: float, decision: Decision, *, lapse: float = LAPSE
-) -> float | None:
-    """The noise that gives this expected score; None if an observer with lapses cannot reach the score.
-
-    Parameters
-    ----------
-    score : float
-        Score of 12.
-    difference : float
-        Difference of the cue's logarithm.
-    decision : {"differencing", "covert"}
-    lapse : float
-
-    Returns
-    -------
-    float or None
-    """
-    rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
-
-    def excess(d_prime: float) -> float:
-        return TRIALS * float(rule.proportion_correct(d_prime, lapse=lapse)) - score
-
-    low, high = 0.01, 50.0
-    if difference == 0.0 or excess(low) >= 0.0 or excess(high) <= 0.0:
-        return None
-    return float(abs(difference) / scipy.optimize.brentq(excess, low, high))
-
-
-def _differences(source: str, burr: Burr, bone: Block) -> dict[str, dict[str, float]]:
-    one_of("differences", source, ("rendered", "closed form"))
-    cues = {name: closed_form_cues(materials[name], burr=burr) for pair in PAIRS for name in pair}
-    if source == "rendered":
-        cues = {
-            name: Cues(**{
-                cue: getattr(rendered_cues(materials[name], mode, burr=burr, bone=bone), cue)
-                for mode, cues_of_mode in CUES_OF.items() for cue in cues_of_mode
-            })
-            for name in cues
-        }  # fmt: skip
-    return {
-        f"{a}-{b}": {cue: getattr(cues[a], cue) - getattr(cues[b], cue) for cue in CUES} for a, b in PAIRS
-    }
-
-
-def _distance(differences: Mapping[str, float], cues: Sequence[str]) -> float:
-    return math.sqrt(sum(differences[cue] ** 2 for cue in cues))
-
-
-def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
-    rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
-    d_prime, half = distance / noise, 0.5 * TRIALS
-    observer = Observer(rule, d_prime, TRIALS, lapse)
-    hit, false_alarm = observer.hit, observer.false_alarm
-    score = half * (hit + 1.0 - false_alarm)
-    spread = math.sqrt(half * (hit * (1.0 - hit) + false_alarm * (1.0 - false_alarm)) / SUBJECTS)
-    return TaskOneRow(cue, pair, decision, noise, d_prime, score, score - _Z * spread, score + _Z * spread)
 
 
 def default_subject(

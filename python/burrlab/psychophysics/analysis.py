@@ -21,7 +21,6 @@ from burrlab.common.table import (
     interval_text,
     json_mapping,
     p_text,
-    table_html,
     tables_lines,
     tsv_text,
     two_decimals,
@@ -45,7 +44,6 @@ from burrlab.psychophysics.task_results import (
     TaskData,
     ThresholdTask,
     design_text,
-    level_counts,
 )
 from burrlab.psychophysics.weber import SensitivityFunction, WeberFraction, usable
 
@@ -374,15 +372,7 @@ class Analysis(InJson):
             If `values` is something else.
         """
         refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
-        analysis = super().from_dict(values)
-        refuse(
-            not (
-                isinstance(analysis.tasks, tuple)
-                and all(not isinstance(task, Mapping) for task in analysis.tasks)
-            ),
-            "tasks must be a list of tasks with all that they hold",
-        )
-        return analysis
+        return super().from_dict(values)
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""
@@ -404,20 +394,7 @@ class Analysis(InJson):
         return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
 
     def _repr_html_(self) -> str:
-        parts = [f"<h3>{escape(head(self))}</h3>", *(f"<p>{escape(line)}</p>" for line in self.notes)]
-        for task in self.tasks:
-            parts += [
-                f"<h4>{escape(heading(task))}</h4>",
-                *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
-            ]
-            if task.subjects:
-                parts += [
-                    table_html(columns(task)),
-                    f"<p><small>{escape(' '.join(legend(task)))}</small></p>",
-                    *(f"<p>{escape(line)}</p>" for line in group_lines(task)),
-                ]
-        parts += [f"<p>{escape(line)}</p>" for line in self._sensitivity_lines() if line]
-        return "".join(parts)
+        return f"<pre>{escape(self.report())}</pre>"
 
 
 def _apart(task: ThresholdTask, tasks: Iterable[Task]) -> str:
@@ -644,9 +621,9 @@ def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
             f"task {name} of subject {subject} has another design than that of subject {first}",
         )
     group = [
-        replace(_subject(source), subject=str(subject))
+        replace(SubjectData.of(source), subject=str(subject))
         if isinstance(source, Answers)
-        else SubjectData(str(subject), source, simulated=simulated)
+        else SubjectData(str(subject), None, simulated, source)
         for subject, source in subjects.items()
     ]
     without = [x.subject for x in group if x.answers is None]
@@ -655,21 +632,6 @@ def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
         f"task {name} has levels, and counts of subject {', '.join(without)} have none",
     )
     return TaskData(name or task, task, tuple(group), designs.get(first, {}))
-
-
-def _subject(answers: Answers) -> SubjectData:
-    return SubjectData(
-        answers.subject,
-        answers.counts() if answers.main else None,
-        None
-        if answers.trials is None
-        else answers.trials
-        - sum(int(answers.design.get(x, 0)) for x in ("practice", "catch"))
-        - sum(row.lost and row.phase == "main" for row in answers.rows),
-        answers.simulated,
-        level_counts(answers.main),
-        answers,
-    )
 
 
 def _with_selection(task: TaskData, selected_by: Mapping[str, str]) -> TaskData:

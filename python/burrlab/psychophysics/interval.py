@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Device, Material, RecordReader, Tissue, Tissues, VoxelBone
 from burrlab.bone.recipe import BlockRecipe, BoneRecipe, LayeredRecipe, VolumeBlockRecipe, VolumeRecipe
 from burrlab.common.check import check_positive, refuse
-from burrlab.psychophysics.designs import MODES, Boundary, Interval, Mode
+from burrlab.psychophysics.designs import MODES, Boundary, Interval, Mode, rendered
+from burrlab.psychophysics.rules import one_of
 from burrlab.session.session import Session
 from burrlab.session.settings import Clock, Safety, StartingBone
 from burrlab.theory.continuum import Law
@@ -417,12 +418,8 @@ def render(
 
 
 def _material(interval: Interval, mode: Mode) -> Material:
-    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
-    material = interval.stimulus.material
-    if material is None:
-        raise ValueError(
-            f"the stimulus must have a material to be rendered, {interval.stimulus.name!r} is a real specimen"
-        )
+    one_of("mode", mode, MODES)
+    material = rendered("the stimulus", interval.stimulus)
     if mode == "drilling":
         return material
     return Law.of(material).material(material.c_e, 0.0, material.name, material.source)

@@ -25,7 +25,7 @@ from burrlab.psychophysics.group import (
 )
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
-from burrlab.psychophysics.rules import Counts, Floats, RuleName, TaskName, one_of
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
     PairCheck,
@@ -51,30 +51,76 @@ CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 Progress: TypeAlias = Callable[[str, str], object]
 
 
+Level: TypeAlias = tuple[float, int, int]
+
+
+def summed(rows: Iterable[Level]) -> Iterable[Level]:
+    """(level, correct answers, trials), summed by level, alike to nine digits."""
+    sums: dict[str, Level] = {}
+    for level, right, trials in rows:
+        level, right_before, before = sums.get(text := f"{level:.9g}", (level, 0, 0))
+        sums[text] = level, right_before + right, before + trials
+    return sums.values()
+
+
+def level_counts(rows: Iterable[AnswerRow]) -> tuple[Level, ...]:
+    """(level, correct answers, trials) of the rows that have a level, by level."""
+    return tuple(sorted(summed((row.level, row.correct, 1) for row in rows if row.level is not None)))
+
+
 @dataclass(frozen=True)
-class SubjectData:
-    """Main trials of one subject in one task.
+class OneSubject:
+    """Base of the results of one subject in a task.
 
     Attributes
     ----------
     subject : str
-    counts : Counts or None
-        None before the first answer.
     planned : int or None
-        Main trials of the design; None if unknown, or if the answers decide.
+        Main trials of the design; None if unknown, or if the answers end it.
     simulated : bool
-    levels : tuple of (float, int, int)
-        (level, correct answers, trials) by level, in tasks that vary a parameter.
-    answers : Answers or None
-        Source of the counts.
     """
 
     subject: str
+    planned: int | None
+    simulated: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.planned is None or self.trials >= self.planned  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class SubjectData(OneSubject):
+    """`OneSubject` with the counts of the main trials.
+
+    Attributes
+    ----------
+    counts : Counts or None
+        None before the first answer.
+    levels : tuple of (float, int, int)
+        (level, correct answers, trials) by level, in tasks that vary a parameter.
+    answers : Answers or None
+        Source of the counts; None for counts without files.
+    """
+
     counts: Counts | None
-    planned: int | None = None
-    simulated: bool = False
-    levels: tuple[tuple[float, int, int], ...] = ()
+    levels: tuple[Level, ...] = ()
     answers: Answers | None = field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, answers: Answers) -> "SubjectData":
+        """The main trials of a run."""
+        beside = sum(int(answers.design.get(x, 0)) for x in ("practice", "catch"))
+        beside += sum(row.lost and row.phase == "main" for row in answers.rows)
+        return cls(
+            answers.subject,
+            None if answers.trials is None else answers.trials - beside,
+            answers.simulated,
+            answers.counts() if answers.main else None,
+            level_counts(answers.main),
+            answers,
+        )
 
     @property
     def protocol(self) -> Mapping[str, Any]:
@@ -86,11 +132,6 @@ class SubjectData:
     def trials(self) -> int:
         """Answered trials."""
         return 0 if self.counts is None else self.counts.trials
-
-    @property
-    def complete(self) -> bool:
-        """Whether all planned trials were answered."""
-        return self.trials > 0 and (self.planned is None or self.trials >= self.planned)
 
 
 @dataclass(frozen=True)
@@ -152,23 +193,6 @@ class TaskData:
         )
 
 
-Level: TypeAlias = tuple[float, int, int]
-
-
-def summed(rows: Iterable[Level]) -> Iterable[Level]:
-    """(level, correct answers, trials), summed by level, alike to nine digits."""
-    sums: dict[str, Level] = {}
-    for level, right, trials in rows:
-        level, right_before, before = sums.get(text := f"{level:.9g}", (level, 0, 0))
-        sums[text] = level, right_before + right, before + trials
-    return sums.values()
-
-
-def level_counts(rows: Iterable[AnswerRow]) -> tuple[Level, ...]:
-    """(level, correct answers, trials) of the rows that have a level, by level."""
-    return tuple(sorted(summed((row.level, row.correct, 1) for row in rows if row.level is not None)))
-
-
 def design_text(design: Mapping[str, Any]) -> str:
     """One line on what a design compares; "" without a design."""
     names = {
@@ -186,28 +210,6 @@ def design_text(design: Mapping[str, Any]) -> str:
         within = "below a boundary " * ("boundary_mm" in design)
         text = f"{design['parameter']} {within}around {names['reference']}"
     return f"{text}, {design['mode']}" if text and "mode" in design else text
-
-
-@dataclass(frozen=True)
-class OneSubject:
-    """Base of the results of one subject in a task.
-
-    Attributes
-    ----------
-    subject : str
-    planned : int or None
-        Main trials of the design; None if unknown, or if the answers end it.
-    simulated : bool
-    """
-
-    subject: str
-    planned: int | None
-    simulated: bool
-
-    @property
-    def complete(self) -> bool:
-        """Whether all planned trials were answered."""
-        return self.planned is None or self.trials >= self.planned  # type: ignore[attr-defined]
 
 
 Subject = TypeVar("Subject", bound=OneSubject)
@@ -296,69 +298,52 @@ def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str
 _STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # the least end of a d' axis
 
-
-def room_for(ax: Axes | None, rows: float) -> Axes:
-    """The given axes, or axes of a new figure that is tall enough for the rows."""
-    ax, new = axes_or_new(ax), ax is None
-    if new and rows > 13 and isinstance(ax.figure, Figure):
-        ax.figure.set_figheight(1.2 + 0.19 * rows)
-    return ax
+#: Lower end, estimate and upper end of an interval; the last two may be infinite.
+Span: TypeAlias = tuple[float, float, float]
+#: A span for each row, and the look of their marks.
+Series: TypeAlias = tuple[Sequence[Span], dict[str, Any]]
 
 
-def _draw(
-    ax: Axes, spans: Sequence[tuple[float, float, float]], rows: Floats, end: float, style: dict[str, Any],
-    colour: str, marker: str,
-) -> None:  # fmt: skip
-    """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark.
+def plot_rows(
+    ax: Axes | None, names: Sequence[str], series: Sequence[Series], end: float, chance: tuple[float, str], *,
+    group: bool, **texts: Any,
+) -> Axes:  # fmt: skip
+    """Axes with a row a subject, and one apart for the group, if the last name is its; series side by side.
 
-    A span is lower end, estimate, upper end; the last two may be infinite.
+    An interval is a line, or an arrow towards the end of the axis if open above; an infinite estimate is hollow.
     """
-    look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
-    colour = look["color"]
-    for (low, estimate, high), row in zip(spans, rows, strict=True):
-        if math.isinf(high):
-            ax.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
-                        arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-            ax.plot([low, low], [row - 0.11, row + 0.11], color=colour, linewidth=1.2)
-        else:
-            ax.errorbar(0.5 * (low + high), row, xerr=0.5 * (high - low), fmt="none", ecolor=colour,
-                        elinewidth=1.2, capsize=2.5)  # fmt: skip
-        if math.isinf(estimate):
-            ax.plot(0.96 * end, row, **(look | {"mfc": "white"}))
-        else:
-            ax.plot(estimate, row, **look, clip_on=False)
-        look["label"] = None
+    axes, height = axes_or_new(ax), len(names) * 0.5 * (1 + len(series))
+    if ax is None and height > 13 and isinstance(axes.figure, Figure):
+        axes.figure.set_figheight(1.2 + 0.19 * height)
+    rows = np.arange(float(len(names)))
+    if group:
+        axes.axhline(rows[-1] - 0.2, color="0.8", linewidth=0.8)
+        rows[-1] += 0.4
+    for i, (spans, look) in enumerate(series):
+        axes.plot([], [], **look)
+        marks = look | {"label": None}
+        for (low, estimate, high), row in zip(spans, rows + 0.36 * (i - 0.5 * (len(series) - 1)), strict=True):
+            if math.isinf(high):
+                axes.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
+                              arrowprops={"arrowstyle": "->", "color": look["color"], "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+                axes.plot([low, low], [row - 0.11, row + 0.11], color=look["color"], linewidth=1.2)
+            elif low < high:
+                axes.errorbar(0.5 * (low + high), row, xerr=0.5 * (high - low), fmt="none", ecolor=look["color"],
+                              elinewidth=1.2, capsize=2.5)  # fmt: skip
+            if math.isinf(estimate):
+                axes.plot(0.96 * end, row, **(marks | {"mfc": "white"}))
+            else:
+                axes.plot(estimate, row, **marks, clip_on=False)
+    axes.axvline(chance[0], color=REFERENCE, linestyle="--", linewidth=1, label=chance[1])
+    axes.set_yticks(rows, names, fontsize=8)
+    axes.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject", **texts)
+    axes.legend()
+    return axes
 
 
-def _draw_d_prime(
-    ax: Axes, by_rule: Mapping[Any, Sequence[Any]], rows: Floats, level: float, style: dict[str, Any],
-    delta: float | None,
-) -> None:  # fmt: skip
-    """Draws d' by each rule side by side, with chance and any Delta; each d' has an estimate and an interval."""
-    all_spans = [[(d.interval[0], d.estimate, d.interval[1]) for d in some] for some in by_rule.values()]
-    spans = [span for some in all_spans for span in some]
-    # beyond all finite values
-    end = 1.15 * max(_LOWEST, *(value for span in spans for value in span if math.isfinite(value)), 0.0)
-    for i, (rule, some) in enumerate(zip(by_rule, all_spans, strict=True)):
-        shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
-        colour, marker = _STYLES[rule]
-        _draw(ax, some, rows + shift, end, {"label": None} | style, colour, marker)
-        label = f"{style['label']}, {rule}" if style.get("label") else rule
-        ax.plot([], [], **styled({**style, "label": label}, color=colour, marker=marker, markersize=4.5))
-    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
-    if delta is not None:
-        ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
-    if any(math.isinf(estimate) for _, estimate, _ in spans):
-        ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
-    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * level:g} % interval")
-
-
-def of_subjects(ax: Axes, names: Sequence[str], rows: Floats, title: str) -> Axes:
-    """The axes with one name per row."""
-    ax.set_yticks(rows, names, fontsize=8)
-    ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject", title=title)
-    ax.legend()
-    return ax
+def _marks(style: dict[str, Any], colour: str, marker: str) -> dict[str, Any]:
+    """The look of the marks of a figure's rows."""
+    return styled({"label": None} | style, color=colour, marker=marker, markersize=4.5, zorder=4)
 
 
 @dataclass(frozen=True)
@@ -553,16 +538,15 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject.
         """
         self._some()
-        ax = room_for(ax, len(self.subjects))
-        names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
+        names = [subject.subject for subject in self.subjects]
         spans = [
             (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
             for subject in self.subjects
         ]  # fmt: skip
-        _draw(ax, spans, rows, 100.0, style, POSITION, "o")
-        ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
-        ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
-        return of_subjects(ax, names, rows, self.title)
+        return plot_rows(
+            ax, names, [(spans, _marks(style, POSITION, "o"))], 100.0, (50.0, "chance"), group=False,
+            xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval", title=self.title,
+        )  # fmt: skip
 
     @drawing
     def plot_d_prime(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -576,18 +560,28 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject.
         """
         self._some()
-        ax = room_for(ax, 1.5 * len(self.subjects))
-        names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
+        names = [subject.subject for subject in self.subjects] + ["all"] * bool(self.group_d_prime)
         by_rule: dict[RuleName, list[DPrime | GroupDPrime]] = {
             rule: [subject.of_rule(rule) for subject in self.subjects] for rule in self.rules
         }
         for group in self.group_d_prime:
             by_rule[group.rule].append(group)
-        if self.group_d_prime:
-            names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
-            ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
-        _draw_d_prime(ax, by_rule, rows, self.level, style, self.delta)
-        return of_subjects(ax, names, rows, self.title)
+        series, ends = [], [_LOWEST]
+        for rule, d_primes in by_rule.items():
+            label = f"{style['label']}, {rule}" if style.get("label") else rule
+            spans = [(d.interval[0], d.estimate, d.interval[1]) for d in d_primes]
+            series.append((spans, _marks({**style, "label": label}, *_STYLES[rule])))
+            ends += [value for span in spans for value in span if math.isfinite(value)]
+        end = 1.15 * max(ends)  # beyond all finite values
+        ax = plot_rows(
+            ax, names, series, end, (0.0, "chance, d' = 0"), group=bool(self.group_d_prime),
+            xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * self.level:g} % interval", title=self.title,
+        )  # fmt: skip
+        if self.delta is not None:
+            ax.axvline(self.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {self.delta:g}")
+        if any(math.isinf(estimate) for spans, _ in series for _, estimate, _ in spans):
+            ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
+        return ax
 
     def _some(self) -> None:
         refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
@@ -780,37 +774,25 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If no subject has a threshold.
         """
-        thresholds = [
-            (subject.subject, subject.threshold, subject.interval)
+        spans = {
+            subject.subject: (min(ends), subject.threshold, max(ends))
             for subject in self.subjects
-            if subject.threshold
-        ]
-        refuse(not thresholds, f"task {self.name} must hold a threshold to be drawn, got none")
-        ax = room_for(ax, len(self.subjects))
-        names, rows = [name for name, *_ in thresholds], np.arange(len(thresholds), dtype=np.float64)
-        look = styled(style, color=POSITION, marker="o", markersize=4.5)
-        for (_, threshold, interval), at in zip(thresholds, rows, strict=True):
-            if interval is not None:
-                ax.plot(interval, [at, at], "|-", color=look["color"], linewidth=1.2, markersize=5)
-            ax.plot(threshold, at, **look)
-            look["label"] = None
-        if (group := self.group_threshold) is not None:
-            row = len(rows) + 0.4
-            names, rows = [*names, "all"], np.append(rows, row)
-            ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
-            ends = [end for end in group[1:] if 0.0 < end < math.inf]
-            ax.plot(ends, [row] * len(ends), "|-", color=VELOCITY, linewidth=1.2, markersize=5)
-            ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
-            if len(ends) < 2:
-                ax.annotate("", (float(group[2] > 1.0), row), (group[1], row), xycoords=ax.get_yaxis_transform(),
-                            textcoords="data", arrowprops={"arrowstyle": "->", "color": VELOCITY, "linewidth": 1.2})  # fmt: skip
-        ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
-        some = any(interval is not None for *_, interval in thresholds) or group is not None
-        what = self.design.get("parameter", "the parameter")
-        ax.set_xlabel(
-            f"threshold, {what} over the reference's [1]" + f", {100 * self.level:g} % interval" * some
-        )
-        return of_subjects(ax, names, rows, self.title)
+            if subject.threshold is not None
+            for ends in [subject.interval or (subject.threshold,)]
+        }
+        refuse(not spans, f"task {self.name} must hold a threshold to be drawn, got none")
+        rows, group = list(spans.values()), self.group_threshold
+        if group is not None:
+            rows.append((min(group[1:]), group[0], max(group[1:])))
+        ends = [1.0, *(value for span in rows for value in span if math.isfinite(value))]
+        end = max(ends) + 0.05 * (max(ends) - min(ends))
+        what = f"threshold, {self.design.get('parameter', 'the parameter')} over the reference's [1]"
+        if any(low < high for low, _, high in rows):
+            what += f", {100 * self.level:g} % interval"
+        return plot_rows(
+            ax, [*spans, *["all"] * (group is not None)], [(rows, _marks(style, POSITION, "o"))], end, (1.0, "the reference"),
+            group=group is not None, xlim=(None, end), xlabel=what, title=self.title,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"

@@ -505,7 +505,6 @@ class SensitivityFunction(Tabular):
                     label=label if slope == exponent else None)  # fmt: skip
         ax.set(xlabel=f"{self.parameter} of the reference [{UNITS[self.parameter]}]", ylim=(bottom, top),
                ylabel=f"sensitivity 1/W [1], {100 * self.confidence:g} % intervals", title=self.name)  # fmt: skip
-        ax.legend(fontsize=7)
         return ax
 
 

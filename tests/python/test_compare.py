@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 from session_scenes import refused
 
 from burrlab import Fit, Material, VelocityCurve, fit, penetration_velocity
+from burrlab.common.table import holm
 from burrlab.comparing.comparison import Comparison, compare
-from burrlab.fitting.diagnostics import holm
 
 
 @dataclass(frozen=True)

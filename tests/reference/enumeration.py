@@ -61,7 +61,9 @@ def enumerate_estimator(
     law, half = rule_of(task, rule), trials // 2
     outcomes = Outcomes.all(half, half)
     estimate, error = outcomes.estimate(law)[0], outcomes.standard_error(law)
-    log_linear, by_half = (law.invert(*outcomes.corrected(how))[0] for how in ("log-linear", "half"))
+    # Macmillan and Kaplan 1985: 1 - 1/(2n) and 1/(2n), only in place of 1 and 0
+    clipped = [np.clip(rate, 0.5 / half, 1.0 - 0.5 / half) for rate in outcomes.rates]
+    log_linear, by_half = (law.invert(*rates)[0] for rates in (outcomes.corrected(), clipped))
     finite, has_error = np.isfinite(estimate), np.isfinite(error)
     # An interval is open above if its test keeps the largest d'.
     exact_open = exact_p_values(law, half, half, LARGEST) > 0.05

@@ -812,6 +812,25 @@ def p_text(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-4 else f"{p:.0e}"
 
 
+def probability_text(p: float) -> str:
+    """A p value in a sentence."""
+    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """p values corrected for their number by Holm's step-down rule.
+
+    Examples
+    --------
+    >>> holm([0.01, 0.04, 0.03])
+    [0.03, 0.06, 0.06]
+    """
+    corrected, least = list(p_values), 0.0
+    for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
+        corrected[k] = least = max(least, min(1.0, (len(corrected) - done) * p))
+    return corrected
+
+
 def tsv_text(value: float | int | str | None) -> str:
     """Text of a TSV field: n/a for None and NaN, floats to the last bit."""
     if value is None or (isinstance(value, float) and math.isnan(value)):

@@ -14,10 +14,10 @@ from burrlab.common.check import refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
-from burrlab.common.table import Tabulated, by_value
+from burrlab.common.table import Tabulated, by_value, holm, probability_text
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold, covariance_of
-from burrlab.fitting.diagnostics import HypothesisTest, concluded, holm, p_text
+from burrlab.fitting.diagnostics import HypothesisTest, concluded
 from burrlab.fitting.linear import OFFSETS, check_names
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
@@ -169,7 +169,7 @@ class Comparison(InJson, Tabulated):
             ]
             corrected = (
                 f" Corrected for {len(self.pairs)} pairs, where they {'differ' if pair.differ else 'can be of one material'}: "
-                f"{p_text(pair.p_differ)}."
+                f"{probability_text(pair.p_differ)}."
                 if len(self.pairs) > 1
                 else ""
             )
@@ -220,7 +220,7 @@ class Comparison(InJson, Tabulated):
         if self.margin is None:
             return f"{seen}; without a margin nothing is called equivalent."
         outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
-        return f"{seen}: {outcome} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
+        return f"{seen}: {outcome} within {100 * self.margin:g} %, {probability_text(pair.p_equivalent)}."
 
     def _table(self) -> dict[str, list[Any]]:
         rows = [

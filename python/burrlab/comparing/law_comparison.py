@@ -21,8 +21,8 @@ from burrlab.common.figures import (
     styled,
 )
 from burrlab.common.records import Codec
-from burrlab.common.table import Tabulated
-from burrlab.fitting.diagnostics import POOR, HypothesisTest, p_text
+from burrlab.common.table import Tabulated, probability_text
+from burrlab.fitting.diagnostics import POOR, HypothesisTest
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import Interval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
@@ -264,7 +264,7 @@ class LawComparison(Tabulated):
     def _cells(self) -> list[list[str]]:
         table = [["law", "f and exponents", "s", "delta AIC", "tests", "constants"]]
         for row in self.rows:
-            verdict = f"{p_text(row.p_value)}{', contradicted' if row.contradicted else ''}"
+            verdict = f"{probability_text(row.p_value)}{', contradicted' if row.contradicted else ''}"
             what, slope = (str(row.law), row.law.slope) if row.law else ("v = K F", 1.0)
             delta = f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0"
             table.append([row.name, what, f"{slope:.3g}", delta, verdict, row.constants])

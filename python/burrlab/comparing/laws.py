@@ -14,8 +14,9 @@ from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
+from burrlab.common.table import probability_text
 from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
-from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded, p_text
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
 from burrlab.fitting.mixed import MixedLikelihood
@@ -420,7 +421,7 @@ def _apart(likelihood: LawLikelihood, pooled: float) -> HypothesisTest:
     p = float(special.fdtrc(*freedom, F))
     return HypothesisTest("q", F, freedom, p, (
         f"The indentation alone tells q = {q:.3g}, with the velocities it would be {pooled:.3g}: the two need a c_e each, "
-        f"{p_text(p)}."
+        f"{probability_text(p)}."
     ))  # fmt: skip
 
 

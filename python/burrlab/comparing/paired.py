@@ -7,8 +7,9 @@ from typing import TypeAlias
 import numpy as np
 from scipy import special
 
+from burrlab.common.table import probability_text
 from burrlab.fitting.calibration import MixedCalibration
-from burrlab.fitting.diagnostics import HypothesisTest, p_text
+from burrlab.fitting.diagnostics import HypothesisTest
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.linear import (
     EDGE,
@@ -93,7 +94,7 @@ class Paired:
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
         return HypothesisTest("one material", F, freedom, p, (
             f"The two {'differ' if p < ERROR else 'can be of one material'} ({what}{units}): F({text}) = {F:.3g}, "
-            f"{p_text(p)}."
+            f"{probability_text(p)}."
         ))  # fmt: skip
 
 

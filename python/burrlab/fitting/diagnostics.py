@@ -11,6 +11,7 @@ from scipy import special
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
+from burrlab.common.table import holm, probability_text
 from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, bounds_of
@@ -51,11 +52,6 @@ class HypothesisTest:
         return self.sentence
 
 
-def p_text(p: float) -> str:
-    """A p-value as it is printed."""
-    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
-
-
 def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
     first, *second = freedom
@@ -69,15 +65,7 @@ def judged(statistic: float, *freedom: float) -> tuple[float, str]:
         if len(freedom) > 1
         else f"chi-square {statistic:.3g} of {freedom_text}"
     )
-    return p, f"{number}, {p_text(p)}"
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values corrected for their number by Holm's step-down rule."""
-    corrected, least = list(p_values), 0.0
-    for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
-        corrected[k] = least = max(least, min(1.0, (len(corrected) - done) * p))
-    return corrected
+    return p, f"{number}, {probability_text(p)}"
 
 
 def concluded(
@@ -131,7 +119,7 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
             factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
             return replace(test, sentence=(
                 f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
-                f"chi-square {S:.3g} of {nu}, {p_text(1 - test.p_value)} for one so small."
+                f"chi-square {S:.3g} of {nu}, {probability_text(1 - test.p_value)} for one so small."
             ))  # fmt: skip
         return test
     o = likelihood.observations
@@ -259,7 +247,7 @@ def given_values(
         p = calibration.probability(max(rise, 0.0))
         ending = (
             f"lies {'inside' if p >= 0.05 else 'outside'} the joint 95 % region: -2 log L rises by {rise:.3g}, "
-            f"{p_text(p)}."
+            f"{probability_text(p)}."
         )
     return HypothesisTest(
         f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms", rise, calibration.joint_freedom, p,
@@ -452,7 +440,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
             scipy.sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
         )
         tests.append(HypothesisTest("neighbours", correlation, (below,), 1 - p, (
-            f"Rows beside each other are alike beyond their force, {p_text(1 - p)}: if they are of days or specimens, "
+            f"Rows beside each other are alike beyond their force, {probability_text(1 - p)}: if they are of days or specimens, "
             "label these (groups)."
         )))  # fmt: skip
     if levels.max() == 0:
@@ -460,7 +448,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
     change, p = _form(scipy.sparse.diags_array(x), basis, e, float(x.min()), float(x.max()))
     p = 2 * min(p, 1 - p)
     tests.append(HypothesisTest("scatter", change, (below,), p, (
-        f"The scatter {'rises' if change > 0 else 'falls'} with the force, {p_text(p)}."
+        f"The scatter {'rises' if change > 0 else 'falls'} with the force, {probability_text(p)}."
     )))  # fmt: skip
     return tests
 

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from scipy import special
 
-from burrlab.common.table import by_value
+from burrlab.common.table import by_value, probability_text
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
-from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, p_text, rms_off
+from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, rms_off
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
@@ -799,13 +799,13 @@ def _offset_sentences(
                 low, ratio, high = np.exp([level.ends[0], level.values[0], level.ends[1]])
                 sentences.append(
                     f"{x.quantity} of data set {level.levels[0]} is {ratio:.3g} times that of the first ({low:.3g} to {high:.3g}, "
-                    f"{p_text(level.p_value)})."
+                    f"{probability_text(level.p_value)})."
                 )
         elif x.deviation is None:
             what = f"The {x.quantity} is off by" if unit else "From the first run to the last ln v changes by"
             low, high = x.ends
             sentences.append(
-                f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {p_text(x.p_value)})."
+                f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {probability_text(x.p_value)})."
             )
             weak = component.deviation or 0.0
             if x.errors[0] > weak / 2:

@@ -21,6 +21,7 @@ from burrlab.common.table import (
     interval_text,
     json_mapping,
     p_text,
+    probability_text,
     tables_lines,
     tsv_text,
     two_decimals,
@@ -28,7 +29,6 @@ from burrlab.common.table import (
 )
 from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder, reference_of
 from burrlab.psychophysics.designs import PARAMETER_KEYS
-from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
 from burrlab.psychophysics.sensitivity import DPrime
@@ -48,11 +48,6 @@ from burrlab.psychophysics.task_results import (
 from burrlab.psychophysics.weber import SensitivityFunction, WeberFraction, usable
 
 Task: TypeAlias = ScoredTask | ThresholdTask
-
-
-def head(analysis: "Analysis") -> str:
-    name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
-    return name + ", SIMULATED SUBJECTS" * analysis.simulated
 
 
 def heading(task: Task) -> str:
@@ -349,7 +344,8 @@ class Analysis(InJson):
             Screen width in characters. Wider tables are split between groups of columns, and sentences
             between words. By default nothing is split.
         """
-        lines = wrapped_lines([head(self), *self.notes], width)
+        name = f"Experiment {self.name}" if self.name else "Analysis"
+        lines = wrapped_lines([name + ", SIMULATED SUBJECTS" * self.simulated, *self.notes], width)
         for task in self.tasks:
             lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
             if task.subjects:
@@ -530,8 +526,9 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
     for task in tasks:
         for subject in task.subjects:
             if (was := subject.protocol.get("analysis", {}).get("delta")) != delta:
-                runs = before.setdefault("none" if was is None else f"{was:g}", [])
-                runs.append(f"{subject.subject} of {task.name}")
+                before.setdefault("none" if was is None else f"{was:g}", []).append(
+                    f"{subject.subject} of {task.name}"
+                )
     if not before:
         return f"Delta = {delta:g}, as the protocol has it."
     changed = "; ".join(f"{was} when {', '.join(runs)} began" for was, runs in before.items())

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import burrlab.common.table as table
 from burrlab._core import __version__
@@ -30,9 +30,6 @@ from burrlab.psychophysics.side_car import (
     read_side_car,
     side_car_path,
 )
-
-if TYPE_CHECKING:
-    import pandas
 
 
 @table.by_value
@@ -100,19 +97,14 @@ class Answers(table.Tabular):
         )
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
+        """The rows as in the file, but columns with units end in them."""
         rows = [row.fields() for row in self.rows]
         columns = {name: [row.get(name) for row in rows] for name in columns_of(self.task)}
-        return {name: x for name, x in columns.items() if not is_optional(name) or set(x) != {None}}
-
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """The rows as a pandas DataFrame; as in the file, but columns with units end in them.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return table.dataframe({_UNITS.get(name, name): values for name, values in self._table().items()})
+        return {
+            _UNITS.get(name, name): x
+            for name, x in columns.items()
+            if not is_optional(name) or set(x) != {None}
+        }
 
     def __repr__(self) -> str:
         kind = "a simulated subject" if self.simulated else "subject"
@@ -358,7 +350,7 @@ def trial_rows(runs: Iterable[Answers]) -> list[dict[str, Any]]:
             "day": None if answers.side_car is None else answers.side_car.started[:10],
             "mode": answers.design.get("mode"), "parameter": answers.design.get("parameter"),
             "reference": reference_of(answers.design),
-            **{_UNITS.get(name, name): column[i] for name, column in columns.items()},
+            **{name: column[i] for name, column in columns.items()},
         }
         for answers in runs for columns in [answers._table()] for i in range(len(answers.rows))
     ]  # fmt: skip
@@ -615,8 +607,10 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         self.close()
 
     def __repr__(self) -> str:
-        state = "closed" if self._file is None else "open"
-        return f"AnswerFile({os.fspath(self.path)!r}, {len(self._reader.rows)} answers, {state})"
+        return (
+            f"AnswerFile({os.fspath(self.path)!r}, {len(self._reader.rows)} answers, "
+            f"{'closed' if self._file is None else 'open'})"
+        )
 
 
 def _end(row: AnswerRow) -> float:
@@ -697,8 +691,10 @@ class ExperimentFolder:
 
     def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
         """The path of an interval's trace."""
-        name = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}_trace.h5"
-        return self._source(subject) / name
+        return (
+            self._source(subject)
+            / f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}_trace.h5"
+        )
 
     def _source(self, subject: str) -> Path:
         # BIDS has no form for these files; its validators ignore sourcedata.

@@ -149,6 +149,7 @@ class TaskDesign(ABC):
     answers: tuple[str, ...]
     practice: int
     blocks: int
+    chance: ClassVar[float] = 0.5  # proportion correct of a subject who guesses
     _kind: ClassVar[str]  # the design's name in files
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
     #: Later parameters with their defaults, which files leave out, so that orders are what they were.
@@ -516,7 +517,6 @@ class ComparisonDesign(TaskDesign):
     task = "2ifc"
     _derived: ClassVar[tuple[str, ...]] = ("held", "question", "chance")
     answers = ("first", "second")
-    chance = 0.5
 
     def __post_init__(self) -> None:
         rendered("reference", self.reference)
@@ -744,7 +744,6 @@ class ABX(Scored):
     _types = (("AB",), ("BA",))
     question = "After the reference came two: which of them felt like the reference?"
     answers = ("first", "second")
-    chance: ClassVar[float] = 0.5
 
     def __post_init__(self) -> None:
         require_type("reference", self.reference, Stimulus, "Stimulus('real Pettigrew')")

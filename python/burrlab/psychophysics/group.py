@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln, ndtr, stdtr
 
 from burrlab.common.check import refuse
+from burrlab.common.table import probability_text
 from burrlab.psychophysics.rules import (
     RULES,
     Counts,
@@ -323,11 +324,6 @@ class SubjectTest:
         return f"{self.name}: {t}{probability_text(self.p_value)}"
 
 
-def probability_text(p: float) -> str:
-    """The text of a p value."""
-    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
-
-
 def t_test(values: ArrayLike) -> SubjectTest:
     """The one-sided t test of a mean above 0."""
     x = np.asarray(values, dtype=np.float64)
@@ -631,8 +627,8 @@ class PublishedScore:
     Attributes
     ----------
     task : {"same-different", "abx", "2ifc"}
-    mean, sem, rounding : float
-        As printed, and half a unit of the last digit.
+    mean, sem : float
+        As printed.
     n, trials : int
         Subjects, and trials per subject.
     t, p_value : float
@@ -658,7 +654,6 @@ class PublishedScore:
     task: TaskName
     mean: float
     sem: float
-    rounding: float
     n: int
     trials: int
     t: float
@@ -761,7 +756,6 @@ def group_score_from(
         task=task,
         mean=mean,
         sem=sem,
-        rounding=rounding,
         n=n,
         trials=trials,
         t=t,

@@ -264,8 +264,6 @@ class Rendered:
         Time from the first tick to the end [s].
     contact : float
         Time with bone inside the sphere [s].
-    seed : int
-        Seed of the erosion.
     burr : Burr
     ticks : ndarray of TICK
         All ticks until the end, read-only.
@@ -284,7 +282,6 @@ class Rendered:
     ended: Ending
     duration: float
     contact: float
-    seed: int
     burr: Burr
     ticks: NDArray[np.void] = field(repr=False)
     reason: str = ""
@@ -407,7 +404,6 @@ def render(
         ended=watch.ended or ("subject" if stopped else otherwise),
         duration=float(ticks["time"][-1] + _PERIOD) if len(ticks) else 0.0,
         contact=float((_PERIOD * ticks["periods"])[ticks["touching"]].sum()),
-        seed=interval.seed,
         burr=burr,
         ticks=ticks,
         reason=session.reason,

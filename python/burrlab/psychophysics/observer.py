@@ -13,9 +13,9 @@ import numpy as np
 
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
-from burrlab.psychophysics.designs import Boundary, Interval, Mode, Stimulus, Trial
+from burrlab.psychophysics.designs import Boundary, Interval, Mode, Stimulus
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.rules import ANSWERS, LAPSE, Floats, RuleName, TaskName, one_of, rule_of
+from burrlab.psychophysics.rules import ANSWERS, INTERVALS, LAPSE, Floats, RuleName, TaskName, one_of, rule_of
 
 PROBING_PUSH = 1.5  # peak push of a press [N]; ours
 PRESSES = 0.5  # presses per second, ten in 20 s; ours
@@ -295,8 +295,6 @@ def _log_mean(values: list[float]) -> float:
 
 Decision: TypeAlias = Literal["differencing", "covert"]
 
-DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
-
 
 @dataclass(frozen=True)
 class SimulatedSubject:
@@ -374,7 +372,7 @@ class SimulatedSubject:
                 not 0.0 < fractions[cue] < math.inf,
                 f"weber of {cue} must be positive and finite, got {fractions[cue]!r}",
             )
-        one_of("decision", self.decision, DECISIONS)
+        one_of("decision", self.decision, get_args(Decision))
         refuse(
             self.criterion is not None and self.decision == "covert",
             f"criterion must be None for covert decisions, got {self.criterion!r}",
@@ -414,13 +412,12 @@ class SimulatedSubject:
         """
         return float(np.sqrt((self._difference() ** 2 / self._variance()).sum()))
 
-    def respond(self, trial: Trial, cues: Sequence[Cues], rng: np.random.Generator) -> str:
+    def respond(self, task: TaskName, cues: Sequence[Cues], rng: np.random.Generator) -> str:
         """The subject's answer to a trial.
 
         Parameters
         ----------
-        trial : Trial
-            Only its kind is used: same-different, ABX or two intervals.
+        task : {"same-different", "abx", "2ifc"}
         cues : sequence of Cues
             One per interval, in order.
         rng : numpy.random.Generator
@@ -437,10 +434,8 @@ class SimulatedSubject:
             If the numbers of `cues` and intervals differ, a cue has no value, or the subject has not been
             taught (not needed for two intervals).
         """
-        task = task_of(trial)
         refuse(
-            len(cues) != len(trial.intervals),
-            f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}",
+            len(cues) != INTERVALS[task], f"cues must be one an interval, {INTERVALS[task]}, got {len(cues)}"
         )
         values = self._values(cues)
         lapse, choice = rng.random(2)
@@ -505,10 +500,3 @@ class SimulatedSubject:
                 "sinking and change by drilling",
             )
         return values
-
-
-def task_of(trial: Trial) -> TaskName:
-    """The task that a trial belongs to."""
-    if trial.correct in ("same", "different"):
-        return "same-different"
-    return "abx" if len(trial.intervals) == 3 else "2ifc"

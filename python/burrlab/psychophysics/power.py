@@ -13,11 +13,11 @@ import scipy
 from scipy.special import stdtr
 
 from burrlab.common.check import refuse
+from burrlab.common.table import probability_text
 from burrlab.psychophysics.group import (
     GRID,
     GroupAnswers,
     check_level,
-    probability_text,
 )
 from burrlab.psychophysics.rules import (
     RULES,
@@ -57,14 +57,6 @@ class Observer:
             p = stdtr(subjects - 1, -mean / error)
         # Equal scores give no t; the sign-flip test then has its least p.
         return float(np.mean(np.where(error > 0.0, p, np.where(mean > 0.0, 0.5**subjects, 1.0)) <= level))
-
-
-def critical_score(trials: int, level: float) -> tuple[int | None, float]:
-    """The lowest score that guessing reaches with a probability of at most `level`, and that probability."""
-    reached = scipy.stats.binom.sf(np.arange(-1, trials), trials, 0.5)  # P(score >= k)
-    # equal but for rounding counts as equal
-    enough = np.nonzero(reached <= level * (1.0 + 1e-12))[0]
-    return (int(enough[0]), float(reached[enough[0]])) if len(enough) else (None, 0.0)
 
 
 WANTED_POWER = 0.8
@@ -403,7 +395,9 @@ def design_power(
     for d in d_primes:
         refuse(not 0.0 <= d < math.inf, f"d_primes must be at least 0 and finite, got {d}")
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
-    critical, error_rate = critical_score(trials, level)
+    by_guessing = scipy.stats.binom.sf(np.arange(-1, trials), trials, 0.5)  # P(score >= k)
+    enough = np.flatnonzero(by_guessing <= level * (1.0 + 1e-12))  # equal but for rounding counts as equal
+    critical, error_rate = (int(enough[0]), float(by_guessing[enough[0]])) if len(enough) else (None, 0.0)
     rows, k = [], np.arange(trials + 1)
     for decision, d in itertools.product(decisions, d_primes):
         observer = Observer(decision, d, trials, lapse)

@@ -216,9 +216,11 @@ def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
         )
         material = None
         if not stimulus.get("real", _FLAG, default=False):
-            options = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
-            options |= {key: stimulus.get(key, _TEXT, default=None) for key in ("shape", "source")}
-            options |= {key: stimulus.get(key, _NUMBER, default=None) for key in PAPER_LAW}
+            kinds = dict.fromkeys(("c_e", "alpha", *PAPER_LAW), _NUMBER) | {"shape": _TEXT, "source": _TEXT}
+            options = {
+                key: stimulus.get(key, kind, default=_REQUIRED if key in ("c_e", "alpha") else None)
+                for key, kind in kinds.items()
+            }
             with stimulus.errors():
                 material = Material(name, **{key: x for key, x in options.items() if x is not None})
         stimuli[name] = Stimulus(name, material)
@@ -551,9 +553,8 @@ class Protocol:
         )
         experiment.done()
         file.done()
-        for task, design in protocol.tasks.items():
-            if not isinstance(design, ComparisonDesign):
-                continue
+        comparisons = {task: x for task, x in tasks.items() if isinstance(x, ComparisonDesign)}
+        for task, design in comparisons.items():
             file.refuse(
                 design.boundary is not None and design.boundary[1] >= bone.size[2],
                 f"boundary_mm of task {task} must lie in the bone, {bone.size[2]:g} mm deep",
@@ -637,7 +638,7 @@ class Protocol:
         """
         order, design = self.order(subject, task), self.tasks[task]
         return SideCar(
-            subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
+            subject, task, design.task, design.to_dict(), self.to_dict(),
             without_folder(device or self.device), order.total, simulated,
         )  # fmt: skip
 

@@ -4,11 +4,11 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
@@ -155,6 +155,19 @@ class PosteriorThreshold:
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} "
             f"and {far:.3g} ({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
+
+
+#: Level, correct answers, trials.
+Level: TypeAlias = tuple[float, int, int]
+
+
+def summed(rows: Iterable[Level]) -> Iterable[Level]:
+    """(level, correct answers, trials), summed by level, alike to nine digits."""
+    sums: dict[str, Level] = {}
+    for level, right, trials in rows:
+        level, right_before, before = sums.get(text := f"{level:.9g}", (level, 0, 0))
+        sums[text] = level, right_before + right, before + trials
+    return sums.values()
 
 
 _MOST_BARS = 12  # most levels that are drawn with intervals
@@ -392,7 +405,7 @@ def psychometric_function(
     )
     refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
 
-    data = np.array([(math.log(math.log(ratio)), *n) for ratio, n in pooled.items()])
+    data = np.array([(math.log(math.log(ratio)), right, number) for ratio, right, number in pooled])
     psignifit_fit, at_bounds = _fit(data, level)
     threshold, width, lapse = (
         (psignifit_fit.parameter_estimate[name], *psignifit_fit.confidence_intervals[name][str(level)])
@@ -409,9 +422,9 @@ def psychometric_function(
         level=level,
         guess_rate=0.5,
         proportion=0.75,
-        ratios=tuple(pooled),
-        correct=tuple(right for right, _ in pooled.values()),
-        trials=tuple(number for _, number in pooled.values()),
+        ratios=tuple(ratio for ratio, _, _ in pooled),
+        correct=tuple(right for _, right, _ in pooled),
+        trials=tuple(number for _, _, number in pooled),
         side="both" if len(sides) == 2 else "above" if sides == {True} else "below",
         parameter=parameter,
         reference=None if reference is None else float(reference),
@@ -420,23 +433,20 @@ def psychometric_function(
     )
 
 
-def _pooled(
-    ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]
-) -> dict[float, tuple[int, int]]:
-    """Correct answers and trials at each ratio above 1; a ratio and its inverse are pooled."""
-    counts: dict[float, tuple[int, int]] = {}
-    for ratio, right, number in zip(ratios, correct, trials, strict=True):
-        right, number = operator.index(right), operator.index(number)
+def _pooled(ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]) -> list[Level]:
+    """Ratios above 1, correct answers and trials, from the smallest; a ratio and its inverse are pooled."""
+    rows = []
+    for ratio, right, number in zip(
+        ratios, map(operator.index, correct), map(operator.index, trials), strict=True
+    ):
         refuse(
             not 0 <= right <= number or number == 0,
             f"correct must be from 0 to trials, at least 1, got {right} of {number}",
         )
-        above = max(ratio, 1.0 / ratio)
-        same = next((known for known in counts if math.isclose(known, above)), above)  # up to rounding
-        before = counts.get(same, (0, 0))
-        counts[same] = (before[0] + right, before[1] + number)
-    refuse(len(counts) < 2, f"levels must hold at least two different differences from 1, got {len(counts)}")
-    return dict(sorted(counts.items()))
+        rows.append((max(ratio, 1.0 / ratio), right, number))
+    pooled = sorted(summed(rows))
+    refuse(len(pooled) < 2, f"levels must hold at least two different differences from 1, got {len(pooled)}")
+    return pooled
 
 
 def _ends(values: Sequence[float]) -> tuple[float, tuple[float, float]]:

@@ -138,7 +138,7 @@ def rehearsed_order(
     order = design.order(seed=seed, subject=name)
     while (trial := order.next()) is not None:
         felt = [_felt(design, interval, burr, bone) for interval in trial.intervals]
-        response = taught.respond(trial, _towards_boundary(design, trial, felt), rng)
+        response = taught.respond(design.task, _towards_boundary(design, trial, felt), rng)
         order.answer(response, lost=not all(cues.reached for cues in felt))
     return order
 
@@ -379,7 +379,7 @@ class SimulatedSeat(Seat):
     ) -> tuple[str, float | None]:
         cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
         rng = _rng(self._seed, self._name, design, trial)
-        return self._subject.respond(trial, _towards_boundary(design, trial, cues), rng), None
+        return self._subject.respond(design.task, _towards_boundary(design, trial, cues), rng), None
 
     def progress(self, text: str) -> None:
         self._on_progress(text)

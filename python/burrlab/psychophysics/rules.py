@@ -33,6 +33,8 @@ LAPSE = 0.02
 ANSWERS: Mapping[TaskName, tuple[str, str]] = {
     "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),
 }  # fmt: skip
+#: Intervals of a trial.
+INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: The answer that hits and false alarms count, see `Rule`.
 COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
 

@@ -23,7 +23,7 @@ from burrlab.psychophysics.rules import (
     rule_of,
 )
 
-CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
+CorrectionName: TypeAlias = Literal["none", "log-linear"]
 
 LARGEST = 40.0  # d' at which answers are certain in double precision by every rule
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -138,15 +138,9 @@ class Outcomes:
             ) / (hit_d * alarm_c - hit_c * alarm_d) ** 2
         return np.where(inner, np.sqrt(variance), np.nan)
 
-    def corrected(self, correction: CorrectionName) -> tuple[Floats, Floats]:
-        """Hit rate and false-alarm rate after a correction of perfect scores and empty cells."""
-        if correction == "log-linear":
-            return (self.hits + 0.5) / (self.signals + 1.0), (self.false_alarms + 0.5) / (self.noises + 1.0)
-        if correction == "none":
-            return self.rates
-        half = [np.where(n > 0, 0.5 / np.maximum(n, 1.0), 0.5) for n in (self.signals, self.noises)]
-        h, f = (np.clip(rate, x, 1.0 - x) for rate, x in zip(self.rates, half, strict=True))
-        return h, f
+    def corrected(self) -> tuple[Floats, Floats]:
+        """Hit rate and false-alarm rate with half an answer more in each cell, for perfect scores and empty cells."""
+        return (self.hits + 0.5) / (self.signals + 1.0), (self.false_alarms + 0.5) / (self.noises + 1.0)
 
     def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
         """The d' in [0, inf) whose deviance is at most the chi-square quantile with one degree of freedom.
@@ -226,17 +220,6 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     return low, math.inf if is_open else end(accepted[-1], accepted[-1] + 1)
 
 
-def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
-    """Clopper and Pearson's interval of the proportion correct, converted to d' of an unbiased observer."""
-    refuse(
-        counts.task == "same-different",
-        "method must be exact or profile for same-different, got 'proportion'",
-    )
-    ends = np.array(score_interval(counts, level))
-    low, high = rule.invert(ends, 1.0 - ends)[0]
-    return low, high
-
-
 def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tuple[Floats, Floats]:
     """Probabilities of the numbers of hits and of false alarms, one row for each criterion."""
     criteria = np.linspace(*rule.criterion_range(d_prime, _RAREST, 1.0 - _RAREST), _CRITERIA)
@@ -244,7 +227,7 @@ def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tup
     return binomial(signals, hit, miss), binomial(noises, alarm, rejection)
 
 
-MethodName: TypeAlias = Literal["exact", "profile", "proportion"]
+MethodName: TypeAlias = Literal["exact", "profile"]
 
 
 _CRITERION_TEXTS = {
@@ -272,7 +255,7 @@ class DPrime:
         Ends in [0, inf]; inf is an open end.
     level : float
         Level of the interval.
-    method : {"exact", "profile", "proportion"}
+    method : {"exact", "profile"}
         Method of the interval.
     standard_error : float or None
         From the information at the estimate; None unless the interval excludes 0 and the estimate is finite.
@@ -282,7 +265,7 @@ class DPrime:
         Name, unit and direction of the criterion.
     corrected : float
         d' of the rates after `correction`; with "none", the estimate. The interval is not corrected.
-    correction : {"none", "log-linear", "half"}
+    correction : {"none", "log-linear"}
     undetermined : bool
         Whether all d' fit equally well (always the same answer, or no trial of one kind): estimate 0,
         interval [0, inf).
@@ -303,14 +286,9 @@ class DPrime:
     undetermined: bool
     counts: Counts
 
-    @property
-    def open_above(self) -> bool:
-        """Whether the answers set no upper limit."""
-        return math.isinf(self.interval[1])
-
     def __str__(self) -> str:
         low, high = self.interval
-        above = "open)" if self.open_above else f"{high:.2f}]"
+        above = "open)" if math.isinf(high) else f"{high:.2f}]"
         name, meaning = self.criterion_meaning.split(" ", 1)
         return "\n".join(filter(None, (
             f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})",
@@ -323,7 +301,7 @@ class DPrime:
 
 
 _INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[Any, Any]]] = {
-    "exact": exact_interval, "proportion": proportion_interval,
+    "exact": exact_interval,
     "profile": lambda counts, rule, level: Outcomes.of(counts).profile_interval(rule, level),
 }  # fmt: skip
 
@@ -347,15 +325,12 @@ def d_prime(
     rule : {"independent-observations", "differencing"}
     level : float, default 0.95
         Level of the interval, in (0, 1).
-    method : {"exact", "profile", "proportion"}, default "exact"
+    method : {"exact", "profile"}, default "exact"
         "exact": d' that the likelihood-ratio test does not reject, by its exact distribution at the worst
         criterion; the coverage is at least the level. "profile": the same with chi-square's distribution;
-        fast, but too short if nearly all answers are correct. "proportion" (ABX, two intervals): Clopper and
-        Pearson's interval of the proportion correct, converted to d'. It assumes an unbiased observer and
-        pools both kinds of trial.
-    correction : {"none", "log-linear", "half"}, default "none"
-        Correction of `corrected` only. "log-linear": half an answer more in each cell (Hautus 1995). "half":
-        only rates of 0 and 1 change, to 1/(2n) and 1 - 1/(2n) (Macmillan and Kaplan 1985).
+        fast, but too short if nearly all answers are correct.
+    correction : {"none", "log-linear"}, default "none"
+        Correction of `corrected` only. "log-linear": half an answer more in each cell (Hautus 1995).
 
     Returns
     -------
@@ -364,8 +339,8 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level is not in (0, 1), "proportion" is given for
-        same-different, or "exact" for more than 4 million possible outcomes (2000 trials of each kind).
+        If the rule, method or correction is unknown, the level is not in (0, 1), or "exact" is given for more than
+        4 million possible outcomes (2000 trials of each kind).
 
     Notes
     -----
@@ -376,7 +351,6 @@ def d_prime(
     References
     ----------
     M. J. Hautus, Behavior Research Methods, Instruments, and Computers 27, 46-51, 1995.
-    N. A. Macmillan, H. L. Kaplan, Psychological Bulletin 98, 185-199, 1985.
 
     Examples
     --------
@@ -403,7 +377,7 @@ def d_prime(
         standard_error=error if low > 0.0 and math.isfinite(error) else None,
         criterion=criterion,
         criterion_meaning=_CRITERION_TEXTS[counts.task, law.name],
-        corrected=estimate if correction == "none" else float(law.invert(*outcome.corrected(correcting))[0]),
+        corrected=estimate if correction == "none" else float(law.invert(*outcome.corrected())[0]),
         correction=correcting,
         undetermined=bool(outcome.undetermined),
         counts=counts,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import burrlab.common.table as table
 from burrlab._core import __version__
@@ -19,10 +19,9 @@ from burrlab.common.check import amend_error, refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import Phase, Trial
 from burrlab.psychophysics.interval import ENDINGS, Rendered
-from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
+from burrlab.psychophysics.rules import ANSWERS, INTERVALS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
 
-INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: Types of trials and the correct answer, if the type alone decides it.
 TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
     "same-different": {"AA": "same", "AB": "different", "BA": "different", "BB": "same"},
@@ -175,11 +174,10 @@ class RowReader:
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
         self.task = task
         self._before: dict[tuple[str, int], tuple[int, AnswerRow]] = {}
-        answer_of_key = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
-        self._read: Mapping[str, Callable[[str], Any]] = {
-            **_READ,
-            "trial_type": _one_of(tuple(TYPES[task])),
-            "response": lambda text: answer_of_key[_one_of(tuple(answer_of_key))(text)],
+        self._readings: Mapping[str, Reading] = {
+            **_READINGS,
+            "trial_type": _one_of({trial_type: trial_type for trial_type in TYPES[task]}),
+            "response": _one_of(dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))),
         }
 
     @property
@@ -201,8 +199,10 @@ class RowReader:
         """
         fields_read: dict[str, Any] = {}
         for column in filter(fields.__contains__, columns_of(self.task)):
+            convert, rule, holds = self._readings[_unnumbered(column)]
             with amend_error(f"column {column}: "):
-                fields_read[column] = self._read[_unnumbered(column)](fields[column])
+                fields_read[column] = convert(fields[column])
+                refuse(not holds(fields_read[column]), f"{rule}, got {fields[column]!r}")
         for column, name in _NUMBERED.items():
             columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
             if fields_read.keys() & columns:
@@ -250,49 +250,40 @@ def _check_place(row: AnswerRow, before: AnswerRow, expected: int) -> None:
         refuse(wrong, f"column {name}: must not be before the last trial's {was!r}, got {now!r}")
 
 
-def _kept(convert: Callable[[str], Any], rule: str, holds: Callable[[Any], bool]) -> Callable[[str], Any]:
-    """A conversion whose values must obey a rule."""
-
-    def kept(text: str) -> Any:
-        value = convert(text)
-        refuse(not holds(value), f"{rule}, got {text!r}")
-        return value
-
-    return kept
+#: Conversion of a field's text to a value, the rule that the value obeys, and whether it does.
+Reading: TypeAlias = tuple[Callable[[str], Any], str, Callable[[Any], bool]]
 
 
-def _or_none(text: str) -> str | None:
-    return None if text == table.NOTHING else text
+def _one_of(texts: Mapping[str, Any]) -> Reading:
+    """The reading of a field that holds one of a few texts, which stand for these values."""
+    rule = f"must be one of {', '.join(text for text in texts if text != table.NOTHING)}"
+    return lambda text: texts.get(text, texts), rule, lambda meaning: meaning is not texts
 
 
-def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
-    return _kept(convert, "every row needs a number", lambda value: value is not None)
+def _number_or_none(rule: str, holds: Callable[[float], bool]) -> Reading:
+    return table.number_or_none, rule, lambda number: number is None or holds(number)
 
 
-def _one_of(choices: Sequence[str | None]) -> Callable[[str], Any]:
-    rule = f"must be one of {', '.join(filter(None, choices))}"
-    return _kept(_or_none, rule, lambda value: value in choices)
-
-
-_seconds = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
-#: Conversions of the columns that are the same in every task.
-_READ: Mapping[str, Callable[[str], Any]] = {
-    "onset": _filled(table.number_or_none),
-    "duration": _seconds,
-    "correct": lambda text: _one_of(("0", "1"))(text) == "1",
-    "response_time": _seconds,
-    "trial": _filled(table.whole),
-    "phase": _one_of(("practice", "main", "catch")),
-    "block": _filled(table.whole),
-    "level": _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0),
-    "stimulus": _or_none,
-    "seed": functools.partial(table.whole, below=2**64),
-    "ended": _one_of((None, *ENDINGS)),
-    "clipped": _kept(table.number_or_none, "must be 0 to 1", lambda value: value is None or 0 <= value <= 1),
-    "boundary": _kept(table.number_or_none, "must be above 0 [mm]", lambda value: value is None or value > 0),
-    "reached": lambda text: {"0": False, "1": True, None: None}[_one_of((None, "0", "1"))(text)],
-    "force": _kept(table.number_or_none, "must be at least 0 [N]", lambda value: value is None or value >= 0),
-    "repeats": functools.partial(table.whole, below=10),
+_SECONDS = _number_or_none("must be at least 0 [s]", lambda number: number >= 0)
+_WHOLE: Reading = (table.whole, "every row needs a number", lambda number: number is not None)
+#: Readings of the columns that are the same in every task.
+_READINGS: Mapping[str, Reading] = {
+    "onset": (table.number_or_none, "every row needs a number", lambda number: number is not None),
+    "duration": _SECONDS,
+    "correct": _one_of({"0": False, "1": True}),
+    "response_time": _SECONDS,
+    "trial": _WHOLE,
+    "phase": _one_of({phase: phase for phase in ("practice", "main", "catch")}),
+    "block": _WHOLE,
+    "level": _number_or_none("must be a ratio above 0", lambda number: number > 0),
+    "stimulus": (lambda text: None if text == table.NOTHING else text, "", lambda number: True),
+    "seed": (functools.partial(table.whole, below=2**64), "", lambda number: True),
+    "ended": _one_of({table.NOTHING: None, **{ending: ending for ending in ENDINGS}}),
+    "clipped": _number_or_none("must be 0 to 1", lambda number: 0 <= number <= 1),
+    "boundary": _number_or_none("must be above 0 [mm]", lambda number: number > 0),
+    "reached": _one_of({table.NOTHING: None, "0": False, "1": True}),
+    "force": _number_or_none("must be at least 0 [N]", lambda number: number >= 0),
+    "repeats": (functools.partial(table.whole, below=10), "", lambda number: True),
 }
 
 
@@ -343,9 +334,9 @@ _UNITS = {
 }  # fmt: skip
 #: Keys of the file, fields and types.
 _FIELDS: Mapping[str, tuple[str, type]] = {
-    "Subject": ("subject", str), "TaskName": ("name", str), "Instructions": ("question", str), "Started": ("started", str),
+    "Subject": ("subject", str), "TaskName": ("name", str), "Started": ("started", str),
     "Device": ("device", str), "Task": ("task", str), "Design": ("design", dict), "Protocol": ("protocol", dict),
-    "Seed": ("seed", int), "Trials": ("trials", int), "Provenance": ("provenance", dict),
+    "Trials": ("trials", int), "Provenance": ("provenance", dict),
 }  # fmt: skip
 
 
@@ -360,14 +351,10 @@ class SideCar:
     name : str
         BIDS label of the task in the protocol.
     task : {"same-different", "abx", "2ifc"}
-    question : str
-        The question to the subject.
     design : mapping
         The design's `to_dict`.
     protocol : mapping
         The whole protocol, as JSON.
-    seed : int
-        Seed of the protocol.
     device : str
         As for `burrlab session --device`.
     trials : int
@@ -382,10 +369,8 @@ class SideCar:
     subject: str
     name: str
     task: TaskName
-    question: str
     design: Mapping[str, Any]
     protocol: Mapping[str, Any]
-    seed: int
     device: str
     trials: int
     simulated: Mapping[str, Any] | None = None
@@ -425,7 +410,7 @@ class SideCar:
             "experiment": {
                 key: experiment.get(key) for key in ("seed", "feedback", "pause_s", "break_s", "limits")
             }
-            | {"seed": self.seed, "keys": experiment.get("keys", KEYS)},
+            | {"keys": experiment.get("keys", KEYS)},
             "device": self.device.partition(":")[0],
             # Decides whether a hand on the network feels a force; the port number does not matter.
             "force is published": experiment.get("publish") is not None,
@@ -444,6 +429,8 @@ class SideCar:
             },
             _KEY: _FORMAT,
             **{key: getattr(self, name) for key, (name, _) in _FIELDS.items()},
+            "Instructions": design_of_dict(self.design).question,
+            "Seed": self.protocol["experiment"]["seed"],
             "Answers": list(ANSWERS[self.task]),
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
@@ -475,10 +462,10 @@ class SideCar:
             values.get("ProtocolDigest") != digest(car.protocol),
             "ProtocolDigest does not belong to the Protocol beside it: one of them was changed",
         )
-        car._check_against_protocol()
+        car._check_against_protocol(_typed(values, "Seed", int))
         return car
 
-    def _check_against_protocol(self) -> None:
+    def _check_against_protocol(self, seed: int) -> None:
         """Raises ValueError if design, seed, task or trials contradict the Protocol beside them."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
         refuse(
@@ -487,9 +474,9 @@ class SideCar:
         )
         changed = "{} is not that of the Protocol beside it: one of them was changed"
         refuse(self.design != tasks.get(self.name), changed.format("Design"))
-        refuse(self.seed != experiment.get("seed"), changed.format("Seed"))
+        refuse(seed != experiment.get("seed"), changed.format("Seed"))
         design = design_of_dict(self.design)
-        expected = design.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
+        expected = design.order(seed=seed, subject=f"{self.subject} {self.name}").total
         refuse(
             (self.task, self.trials) != (design.task, expected),
             f"Task and Trials must be {design.task!r} and {expected}, those of the Design, got {self.task!r} and "

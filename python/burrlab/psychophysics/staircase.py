@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -52,6 +52,12 @@ class Staircased(ComparisonDesign):
     @abstractmethod
     def easy_level(self) -> float:
         """The level of practice trials."""
+
+    @abstractmethod
+    def threshold(
+        self, levels: Sequence[float], correct: Sequence[bool], *, level: float = 0.95
+    ) -> "Threshold":
+        """The threshold from the answers of the main phase, in order, with any interval of probability `level`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -259,14 +265,15 @@ class Staircase(Staircased):
         return self.start
 
     def extremes(self) -> Sequence[float]:
-        assert self.limit is not None
-        return (self.limit,)
+        return (cast(float, self.limit),)  # set by __post_init__
 
     def track(self) -> "StaircaseTrack":
         return StaircaseTrack(self)
 
-    def threshold(self, levels: Sequence[float], correct: Sequence[bool]) -> "StaircaseThreshold":
-        """The threshold from the answers of the main phase, in order.
+    def threshold(
+        self, levels: Sequence[float], correct: Sequence[bool], *, level: float = 0.95
+    ) -> "StaircaseThreshold":
+        """The threshold from the answers of the main phase, in order; a mean of reversals has no interval.
 
         Raises
         ------
@@ -274,11 +281,11 @@ class Staircase(Staircased):
             If `levels` and `correct` differ in number, or the staircase gives other levels for these answers.
         """
         track = self.track()
-        for number, (level, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
+        for number, (ratio, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
             expected = track.level()
-            if expected is None or not math.isclose(level, expected, rel_tol=1e-6):
+            if expected is None or not math.isclose(ratio, expected, rel_tol=1e-6):
                 raise ValueError(
-                    f"levels must be those of this staircase, got {level:.6g} in trial {number} where it has "
+                    f"levels must be those of this staircase, got {ratio:.6g} in trial {number} where it has "
                     f"{'an end' if expected is None else f'{expected:.6g}'}"
                 )
             track.update(right)
@@ -688,11 +695,6 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
     )
     parameters = inspect.signature(DESIGNS[kind]).parameters
-    for name, parameter in parameters.items():
-        refuse(
-            parameter.default is inspect.Parameter.empty and key_of(name) not in values,
-            f"design {kind} needs {name}, which is missing",
-        )
     present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
     with amend_error(f"design {kind} has a value that is missing or wrong: ", kinds=(KeyError, TypeError)):
         for name, x in present.items():

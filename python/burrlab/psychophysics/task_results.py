@@ -9,10 +9,10 @@ from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 import scipy
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
+from burrlab.common.table import holm
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.designs import TaskDesign
 from burrlab.psychophysics.group import (
@@ -24,7 +24,13 @@ from burrlab.psychophysics.group import (
     group_score,
 )
 from burrlab.psychophysics.power import Equivalence, equivalence
-from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
+from burrlab.psychophysics.psychometric import (
+    Level,
+    PosteriorThreshold,
+    PsychometricFit,
+    psychometric_function,
+    summed,
+)
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
@@ -36,9 +42,8 @@ from burrlab.psychophysics.sensitivity import (
 )
 from burrlab.psychophysics.side_car import AnswerRow
 from burrlab.psychophysics.staircase import (
-    AdaptiveStaircase,
     ConstantStimuli,
-    Staircase,
+    Staircased,
     StaircaseThreshold,
     design_of_dict,
 )
@@ -49,18 +54,6 @@ CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 
 #: Called with task and subject before each analysis.
 Progress: TypeAlias = Callable[[str, str], object]
-
-
-Level: TypeAlias = tuple[float, int, int]
-
-
-def summed(rows: Iterable[Level]) -> Iterable[Level]:
-    """(level, correct answers, trials), summed by level, alike to nine digits."""
-    sums: dict[str, Level] = {}
-    for level, right, trials in rows:
-        level, right_before, before = sums.get(text := f"{level:.9g}", (level, 0, 0))
-        sums[text] = level, right_before + right, before + trials
-    return sums.values()
 
 
 def level_counts(rows: Iterable[AnswerRow]) -> tuple[Level, ...]:
@@ -125,8 +118,7 @@ class SubjectData(OneSubject):
     @property
     def protocol(self) -> Mapping[str, Any]:
         """The protocol of the run, as JSON; empty if unknown."""
-        car = None if self.answers is None else self.answers.side_car
-        return {} if car is None else car.protocol
+        return self.answers.side_car.protocol if self.answers and self.answers.side_car else {}
 
     @property
     def trials(self) -> int:
@@ -298,10 +290,8 @@ def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str
 _STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # the least end of a d' axis
 
-#: Lower end, estimate and upper end of an interval; the last two may be infinite.
-Span: TypeAlias = tuple[float, float, float]
-#: A span for each row, and the look of their marks.
-Series: TypeAlias = tuple[Sequence[Span], dict[str, Any]]
+#: Lower end, estimate and upper end of each row, of which the last two may be infinite; the look of the marks.
+Series: TypeAlias = tuple[Sequence[tuple[float, float, float]], dict[str, Any]]
 
 
 def plot_rows(
@@ -322,7 +312,8 @@ def plot_rows(
     for i, (spans, look) in enumerate(series):
         axes.plot([], [], **look)
         marks = look | {"label": None}
-        for (low, estimate, high), row in zip(spans, rows + 0.36 * (i - 0.5 * (len(series) - 1)), strict=True):
+        shifted = rows + 0.36 * (i - 0.5 * (len(series) - 1))
+        for (low, estimate, high), row in zip(spans, shifted, strict=True):
             if math.isinf(high):
                 axes.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
                               arrowprops={"arrowstyle": "->", "color": look["color"], "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
@@ -388,20 +379,6 @@ class SubjectResult(OneSubject):
         """
         d_primes: dict[str, DPrime] = {d.rule: d for d in self.d_prime}
         return d_primes[one_of("rule", rule, list(d_primes))]
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's corrected p values (1979): from the smallest up, times the number of remaining tests, monotone.
-
-    Examples
-    --------
-    >>> holm([0.01, 0.04, 0.03])
-    [0.03, 0.06, 0.06]
-    """
-    p = np.array(p_values, dtype=np.float64)
-    order = np.argsort(p, kind="stable")
-    p[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
-    return list(map(float, p))
 
 
 @dataclass(frozen=True)
@@ -520,10 +497,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             xlabel=f"score [correct answers of {trials}]", xlim=(-0.6, trials + 0.6), ylabel="subjects",
             ylim=(0, 1.3 * top), title=self.title,
         )  # fmt: skip
-        ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-        ax.xaxis.set_major_locator(
-            FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
-        )
+        ax.locator_params(integer=True, nbins=14)
         return ax
 
     @drawing
@@ -571,7 +545,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             label = f"{style['label']}, {rule}" if style.get("label") else rule
             spans = [(d.interval[0], d.estimate, d.interval[1]) for d in d_primes]
             series.append((spans, _marks({**style, "label": label}, *_STYLES[rule])))
-            ends += [value for span in spans for value in span if math.isfinite(value)]
+            ends += [end for span in spans for end in span if math.isfinite(end)]
         end = 1.15 * max(ends)  # beyond all finite values
         ax = plot_rows(
             ax, names, series, end, (0.0, "chance, d' = 0"), group=bool(self.group_d_prime),
@@ -587,11 +561,10 @@ class ScoredTask(TaskResult[SubjectResult]):
         refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
 
     def __repr__(self) -> str:
-        kind = "simulated subjects" if self.simulated else "subjects"
         mean = (
             "" if self.score is None else f", {self.score.mean:.1f} +- {self.score.sem:.1f} of {self.trials}"
         )
-        return f"ScoredTask({self.name!r}, {self.task}, {len(self.subjects)} {kind}{mean})"
+        return f"ScoredTask({self.name!r}, {self.task}, {len(self.subjects)} {'simulated ' * self.simulated}subjects{mean})"
 
 
 def _results(
@@ -784,7 +757,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         rows, group = list(spans.values()), self.group_threshold
         if group is not None:
             rows.append((min(group[1:]), group[0], max(group[1:])))
-        ends = [1.0, *(value for span in rows for value in span if math.isfinite(value))]
+        ends = [1.0, *(end for span in rows for end in span if math.isfinite(end))]
         end = max(ends) + 0.05 * (max(ends) - min(ends))
         what = f"threshold, {self.design.get('parameter', 'the parameter')} over the reference's [1]"
         if any(low < high for low, _, high in rows):
@@ -795,36 +768,27 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         )  # fmt: skip
 
     def __repr__(self) -> str:
-        kind = "simulated subjects" if self.simulated else "subjects"
-        return f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} {kind})"
+        return (
+            f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} "
+            f"{'simulated ' * self.simulated}subjects)"
+        )
 
 
 def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) -> SubjectThreshold:
-    rows = [row for row in subject.answers.main if row.level is not None] if subject.answers else []
-    levels, correct = [row.level or 1.0 for row in rows], [row.correct for row in rows]
-    planned, text, threshold, interval = subject.planned, "", None, None
-    estimate: Estimate | None
-    if isinstance(design, Staircase | AdaptiveStaircase):
-        with amend_error(f"{subject.answers.source if subject.answers else subject.subject}: "):
-            estimate = (
-                design.threshold(levels, correct)
-                if isinstance(design, Staircase)
-                else design.threshold(levels, correct, level=level)
-            )
-        threshold = estimate.level
-        if isinstance(estimate, PosteriorThreshold):
-            interval = estimate.interval
-        elif estimate.complete:  # a staircase may end before its last trial
-            planned = None
-    else:
-        estimate, text = fit, text = _fitted(subject, design, level)
-        if fit is not None:
-            below = fit.side == "below"
-            threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
-            interval = (low, high)
+    threshold: float | None = None
+    interval: tuple[float, float] | None = None
+    estimate, text = _estimate(subject, design, level)
+    if isinstance(estimate, PsychometricFit):
+        ratios = (estimate.threshold, *estimate.interval)
+        threshold, near, far = (1.0 / x for x in ratios) if estimate.side == "below" else ratios
+        interval = near, far
+    elif estimate is not None:
+        threshold, interval = estimate.level, getattr(estimate, "interval", None)
+    # A staircase may end before its last trial.
+    over = isinstance(estimate, StaircaseThreshold) and estimate.complete
     return SubjectThreshold(
-        subject.subject, planned, subject.simulated, subject.trials, subject.levels, threshold, interval, text or str(estimate),
-        estimate, **_beside(subject.answers),
+        subject.subject, None if over else subject.planned, subject.simulated, subject.trials, subject.levels, threshold,
+        interval, text, estimate, **_beside(subject.answers),
     )  # fmt: skip
 
 
@@ -844,15 +808,19 @@ def _beside(answers: Answers | None) -> dict[str, Any]:
     }
 
 
-def _fitted(
-    subject: SubjectData, design: TaskDesign | None, level: float
-) -> tuple[PsychometricFit | None, str]:
-    """The psychometric function and its text, or None and the reason."""
-    known: dict[str, Any] = (
-        {"parameter": design.parameter, "reference": getattr(design.reference.material, design.parameter)}
-        if isinstance(design, ConstantStimuli)
-        else {}
-    )
+def _estimate(subject: SubjectData, design: TaskDesign | None, level: float) -> tuple[Estimate | None, str]:
+    """The estimate of a subject's threshold and its text, or None and the reason."""
+    if isinstance(design, Staircased):
+        rows = [row for row in subject.answers.main if row.level is not None] if subject.answers else []
+        with amend_error(f"{subject.answers.source if subject.answers else subject.subject}: "):
+            estimate = design.threshold(
+                [row.level or 1.0 for row in rows], [row.correct for row in rows], level=level
+            )
+        return estimate, str(estimate)
+    known: dict[str, Any] = {}
+    if isinstance(design, ConstantStimuli):
+        reference = getattr(design.reference.material, design.parameter)
+        known = {"parameter": design.parameter, "reference": reference}
     ratios, correct, trials = zip(*subject.levels, strict=True)
     try:
         fit = psychometric_function(ratios, correct, trials, level=level, **known)

@@ -175,6 +175,13 @@ DeviceModel HapticLoop::model(std::size_t burr) const {
   return model;
 }
 
+/// Ends the session where a hand must not feel its last force any longer.
+bool HapticLoop::halt(const std::string& reason, bool failed) {
+  halt_devices();
+  end(reason, failed);
+  return false;
+}
+
 void HapticLoop::halt_devices() noexcept {
   for (const auto& device : devices_) device->halt();
 }
@@ -199,8 +206,7 @@ void HapticLoop::watch() {
     sleep_until(steady_now() + pause);
     const std::int64_t last = heartbeat_.load(std::memory_order_acquire), silent = steady_now() - last;
     if (silent <= limit + period_ || !running()) continue;
-    halt_devices();
-    end("the loop stalled: " + std::to_string(silent / 1000000) + " ms without a tick", true);
+    halt("the loop stalled: " + std::to_string(silent / 1000000) + " ms without a tick");
     stopping_.store(true, std::memory_order_release);
   }
 }
@@ -231,8 +237,7 @@ void HapticLoop::run() {
       const std::int64_t due = (now - start) / period_;
       periods = std::uint64_t(due - deadline);
       if (now - last_start > stall) {
-        halt_devices();
-        end("the loop stalled: " + std::to_string((now - last_start) / 1000000) + " ms without a tick", true);
+        halt("the loop stalled: " + std::to_string((now - last_start) / 1000000) + " ms without a tick");
         break;
       }
       if (executed > 0)
@@ -275,23 +280,16 @@ bool HapticLoop::read_device(std::size_t i, std::uint64_t periods, double time, 
     const std::string why = devices_[i]->fault();
     const std::string old =
         "its last position is " + std::to_string(int(std::min(reading.age, 1e9))) + " ms old";
-    end(who() + " was lost: " + (why.empty() ? old : why), true);
-    return false;
+    return end(who() + " was lost: " + (why.empty() ? old : why), true), false;
   }
-  if (reading.buttons & settings_.stop_buttons) {
-    halt_devices();
-    return end("a stop button of " + who() + " was pressed", false), false;
-  }
+  if (reading.buttons & settings_.stop_buttons)
+    return halt("a stop button of " + who() + " was pressed", false);
   waiting |= reading.status == Status::waiting;
   if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
-  if (!reading.position.allFinite() || !reading.velocity.allFinite()) {
-    halt_devices();
-    return end(who() + " gave a position or velocity that is not finite", true), false;
-  }
-  if (!is_unit(reading.orientation)) {
-    halt_devices();
-    return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
-  }
+  if (!reading.position.allFinite() || !reading.velocity.allFinite())
+    return halt(who() + " gave a position or velocity that is not finite");
+  if (!is_unit(reading.orientation))
+    return halt(who() + " gave an orientation that is not a quaternion of length 1");
   BurrRecord& burr = record_.burr[i];
   set(burr.center, reading.position);
   set(burr.device_position, reading.position);
@@ -334,10 +332,8 @@ bool HapticLoop::send_forces(double dt) {
     BurrRecord& burr = record_.burr[i];
     if (couplings_.empty()) wanted_[i] = to_vector(burr.force);
     if (!frames_.empty() && frames_[i].held()) wanted_[i].setZero();
-    if (!wanted_[i].allFinite() || !to_vector(burr.force).allFinite()) {
-      halt_devices();
-      return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
-    }
+    if (!wanted_[i].allFinite() || !to_vector(burr.force).allFinite())
+      return halt("the force of burr " + std::to_string(i) + " is not finite");
     if (stopper_ == most_burrs && wanted_[i].norm() >= settings_.stop_force) stopper_ = i;
   }
   for (std::size_t i = 0; i < devices_.size(); ++i) {

@@ -95,6 +95,7 @@ class BURRLAB_API HapticLoop {
   void end(const std::string& reason, bool failed);
   void wait_for_readers();
   void claim_devices();
+  bool halt(const std::string& reason, bool failed = true);  // false
   void halt_devices() noexcept;
   void stop_devices() noexcept;
   void join();

@@ -162,7 +162,12 @@ void bind_effects(py::module_& m) {
       .def("make_frame", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
            "One frame; returns the decision (merge_to, sub_steps, done).")
       .def_property_readonly(
-          "parcels", [](const Effects& effects) { return to_array(effects.view()); },
+          "parcels",
+          [](const Effects& effects) {
+            std::vector<ParcelView> parcels;
+            effects.view(parcels);
+            return to_array(parcels);
+          },
           "A copy of the parcels: position (3,) [mm], velocity (3,) [mm/s], radius [mm], dust, blood, water "
           "[quanta], age [s].")
       .def(

@@ -50,7 +50,6 @@ void bind_executor(py::module_& m) {
                        penetration, removed, sent, device_position, device_velocity, age, orientation);
   PYBIND11_NUMPY_DTYPE(TickRecord, index, k, burrs, time, cpu_time, burr);
   m.attr("record_dtype") = py::dtype::of<TickRecord>();
-  m.attr("most_periods") = most_periods;
 
   py::class_<TickExecutor, std::shared_ptr<TickExecutor>>(
       m, "TickExecutor",
@@ -124,21 +123,14 @@ ValueError
 
 py::tuple take(RecordReader& reader, std::size_t most) {
   std::vector<TickRecord> records;
-  bool lost = false;
+  auto result = RecordReader::Result::record;
   without_gil([&] {
     records.resize(std::min<std::size_t>(most, reader.behind()));
     std::size_t n = 0;
-    while (n < records.size()) {
-      const auto result = reader.next(records[n]);
-      if (result != RecordReader::Result::record) {
-        lost = result == RecordReader::Result::lost;
-        break;
-      }
-      ++n;
-    }
+    while (n < records.size() && (result = reader.next(records[n])) == RecordReader::Result::record) ++n;
     records.resize(n);
   });
-  return py::make_tuple(to_array(records), lost);
+  return py::make_tuple(to_array(records), result == RecordReader::Result::lost);
 }
 
 void bind_counts(py::module_& m) {

@@ -18,18 +18,6 @@ class DepthTable {
   /// The table of an order k in (0, 8], computed once per process. The bits are the same on every CPU.
   static std::shared_ptr<const DepthTable> of_order(double k);
 
-  /// G at e in [0, 3], tau in [0, 1].
-  float operator()(float e, float tau) const {
-    const float te = e * rows_per_voxel, tt = tau * columns_per_unit;
-    const int i = static_cast<int>(te) < rows - 2 ? static_cast<int>(te) : rows - 2;
-    const int j = static_cast<int>(tt) < columns - 2 ? static_cast<int>(tt) : columns - 2;
-    const float fe = te - static_cast<float>(i), ft = tt - static_cast<float>(j);
-    const float* row = &node_[i * columns + j];
-    const float lo = row[0] + (row[1] - row[0]) * ft;
-    const float hi = row[columns] + (row[columns + 1] - row[columns]) * ft;
-    return lo + (hi - lo) * fe;
-  }
-
   const std::array<float, rows * columns>& nodes() const { return node_; }
   /// The table by cells, (24, 40, 4): the value at (i, j) and its rise to j + 1, then both at i + 1. Aligned
   /// to 16 bytes, so that one load reads a cell.

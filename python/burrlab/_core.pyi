@@ -342,7 +342,6 @@ def thin_layer_velocity(shape: Shape | str, phi: float, immersion: _Array) -> ND
 def window_velocity(time: ArrayLike, immersion: ArrayLike, start: float, stop: float) -> float: ...
 
 record_dtype: np.dtype[np.void]
-most_periods: int
 
 watch_event_dtype: np.dtype[np.void]
 watch_dose_dtype: np.dtype[np.void]

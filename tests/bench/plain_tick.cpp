@@ -15,6 +15,26 @@ struct PlainTick::Place {
   double position[3];
 };
 
+/// G at e in [0, 3], tau in [0, 1], between the nodes of the table.
+static float effective_depth(const DepthTable& table, float e, float tau) {
+  constexpr int rows = DepthTable::rows, columns = DepthTable::columns;
+  const float te = e * DepthTable::rows_per_voxel, tt = tau * DepthTable::columns_per_unit;
+  const int i = std::min(static_cast<int>(te), rows - 2), j = std::min(static_cast<int>(tt), columns - 2);
+  const float fe = te - static_cast<float>(i), ft = tt - static_cast<float>(j);
+  const float* row = &table.nodes()[static_cast<std::size_t>(i * columns + j)];
+  const float lo = row[0] + (row[1] - row[0]) * ft;
+  const float hi = row[columns] + (row[columns + 1] - row[columns]) * ft;
+  return lo + (hi - lo) * fe;
+}
+
+/// 1 - exp(-a f).
+static float eroded_part(const ErodedFraction& of, float f) {
+  const float y = of.scale * f;
+  float p = y * (1.0f - y * (of.c1 - y * (of.c2 - y * of.c3)));
+  for (int i = 0; i < of.doublings; ++i) p = p * (2.0f - p);
+  return p;
+}
+
 // One Philox block per column of eight rows along y, drawn when first needed.
 class PlainTick::Draws {
  public:
@@ -84,7 +104,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
   const float s = static_cast<float>(spacing_), inv_s = 1.0f / s;
   const float deep = R - 3.5f * s, deep2 = deep * deep;
   const float least_w = 0x1p-20f, most_e = 3.0f - 0x1p-22f, most_tau = 1.0f - 0x1p-24f;
-  const DepthTable& effective_depth = *depth_;
+  const DepthTable& depth_table = *depth_;
   const ErodedFraction eroded_fraction(a);
   Draws draws(*this, tick, static_cast<std::size_t>(std::max<std::int64_t>(at.end[0] - at.begin[0], 0)));
   PlainSums sums;
@@ -126,7 +146,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
             if (mass <= 0) continue;
             const float tau = std::min((static_cast<float>(mass) * (1.0f / (p * 256.0f))) / w, most_tau);
             const float e = std::min(std::max((depth * inv_s + 0.5f) - 1.0f, 0.0f), most_e);
-            const float delta = (w * (s * inv_R)) * effective_depth(e, tau);
+            const float delta = (w * (s * inv_R)) * effective_depth(depth_table, e, tau);
             f = delta * (2.0f - delta);
           }
         }
@@ -135,7 +155,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
 
         // The expected loss [2^-16 level], rounded up or down by the voxel's random number.
         const int eroding = scheme == Scheme::cell ? 256 * q : mass;
-        const float lambda = (static_cast<float>(eroding) * 256.0f) * eroded_fraction(f);
+        const float lambda = (static_cast<float>(eroding) * 256.0f) * eroded_part(eroded_fraction, f);
         const int whole = static_cast<int>(lambda);
         const std::int64_t column = (z * groups + (y >> 3)) * nx + x;
         const int total = whole + draws.u(static_cast<std::size_t>(x - at.begin[0]), column, y);

@@ -172,7 +172,7 @@ void check_energy_of_sampling() {
   CHECK(lowest < -0.4 * k * depth * depth);
   CHECK_NEAR(observer.energy(), k * speed * period * depth, 1e-12);
   CHECK(observer.most() == observer.energy());
-  observer.reset();
+  observer = {};
   CHECK(observer.energy() == 0.0 && observer.most() == 0.0);
   observer.update(Vec3(5.0, 0.0, 0.0), Vec3(1.0, 0.0, 0.0));
   CHECK(observer.energy() == 0.0);  // no work without a displacement

@@ -83,7 +83,6 @@ class EffectsCompanion {
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }
   double quantum() const { return effects_->quantum(); }  ///< [mm^3]
-  const EffectsSetup& setup() const { return effects_->setup(); }
 
  private:
   void run();

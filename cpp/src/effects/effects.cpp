@@ -266,12 +266,6 @@ std::array<SubstanceBalance, substances> Effects::balance() const {
   return out;
 }
 
-std::vector<ParcelView> Effects::view() const {
-  std::vector<ParcelView> out;
-  view(out);
-  return out;
-}
-
 void Effects::view(std::vector<ParcelView>& out) const {
   out.resize(parcels_.size());
   for (std::size_t i = 0; i < out.size(); ++i) {

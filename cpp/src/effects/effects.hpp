@@ -49,9 +49,7 @@ class Effects {
   /// Counts the last frame: the time it took, and the frames skipped before it.
   void count_frame(double wall_microseconds, double cpu_microseconds, int skipped = 0);
 
-  const Parcels& parcels() const { return parcels_; }
-  std::vector<ParcelView> view() const;
-  void view(std::vector<ParcelView>& out) const;  ///< into existing memory
+  void view(std::vector<ParcelView>& out) const;  ///< all parcels, into existing memory
   std::array<SubstanceBalance, substances> balance() const;
   double quantum() const { return field_.quantum(); }  ///< [mm^3]
   double hidden(const Camera& camera, const BurrAt& burr) const {

@@ -34,7 +34,6 @@ class LevelField {
   BrickLoss exchange(std::size_t brick, const std::uint8_t* density);
 
   std::size_t brick_count() const { return solid_.size(); }
-  const Index3& bricks() const { return bricks_; }  ///< (z, y, x)
   const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
   double quantum() const { return spacing_.prod() / 255.0; }  ///< one level of one voxel [mm^3]
   const Vec3& low() const { return low_; }                    ///< corner of the volume [mm]

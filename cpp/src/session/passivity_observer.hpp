@@ -21,7 +21,6 @@ class PassivityObserver {
     started_ = true;
   }
   void set_force_zero() noexcept { force_.setZero(); }  ///< no force acts until the next update
-  void reset() noexcept { *this = {}; }
 
   double energy() const { return energy_; }  ///< given to the hand minus taken from it [mJ]
   double most() const { return most_; }      ///< the largest `energy` so far, at least 0 [mJ]

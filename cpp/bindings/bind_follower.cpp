@@ -99,10 +99,8 @@ void bind_follower(py::module_& m) {
       .def(
           "tissue_levels",
           [](Follower& f) {
-            std::vector<std::int64_t> levels;
             const py::gil_scoped_release release;
-            f.visit([&](FollowedBone& followed) { levels = followed.bone().tissue_levels(); });
-            return levels;
+            return f.visit([](FollowedBone& followed) { return followed.bone().tissue_levels(); });
           },
           "Levels left of each tissue, a list; empty without tissues.")
       .def("ask_rebuild", &Follower::ask_rebuild,

@@ -137,10 +137,10 @@ py::tuple snapshot_of(const Following& following) {
 /// As `to_dict` of the watch of a Follower or a Replica.
 template <class Following>
 py::dict watched_by(const Following& following, std::size_t known) {
-  std::shared_ptr<AnatomyWatch> copy;
-  without_gil([&] {
-    following.visit([&](FollowedBone& followed) {
-      if (const auto& watch = followed.executor().watch()) copy = std::make_shared<AnatomyWatch>(*watch);
+  const auto copy = without_gil([&] {
+    return following.visit([](FollowedBone& followed) {
+      const auto& watch = followed.executor().watch();
+      return watch ? std::make_optional(*watch) : std::nullopt;
     });
   });
   if (!copy) throw std::invalid_argument("watch must be set first");

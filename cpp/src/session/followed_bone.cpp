@@ -44,30 +44,10 @@ BoneUpdate FollowedBone::take_changed(BoneView& view) const {
   return update;
 }
 
-void SharedBone::visit(const std::function<void(FollowedBone&)>& function) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  function(shared());
-}
-
 std::shared_ptr<VoxelBone> SharedBone::snapshot(std::uint64_t& tick) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   tick = shared().tick();
   return std::make_shared<VoxelBone>(bone());
-}
-
-std::string SharedBone::digest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return shared().digest().text();
-}
-
-BoneView SharedBone::view() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return shared().view();
-}
-
-BoneUpdate SharedBone::take_changed(BoneView& view) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return shared().take_changed(view);
 }
 
 }  // namespace burrlab

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -67,13 +66,25 @@ class FollowedBone {
 /// A bone that a thread of the derived class changes tick by tick. Others use it between two ticks.
 class SharedBone {
  public:
-  /// Calls with the bone; no tick is executed meanwhile.
-  void visit(const std::function<void(FollowedBone&)>& function) const;
+  /// Calls `function` with the bone, and returns what it returns; no tick is executed meanwhile.
+  template <class Function>
+  auto visit(Function&& function) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return function(shared());
+  }
   /// A copy of the bone, and the number of ticks executed on it.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
-  std::string digest() const;                                ///< of the present bone
-  BoneView view() const;                                     ///< as `FollowedBone::view`
-  BoneUpdate take_changed(BoneView& view) const;             ///< as there
+  /// Of the present bone.
+  std::string digest() const {
+    return visit([](FollowedBone& bone) { return bone.digest().text(); });
+  }
+  /// As `FollowedBone::view`, and as `FollowedBone::take_changed`.
+  BoneView view() const {
+    return visit([](FollowedBone& bone) { return bone.view(); });
+  }
+  BoneUpdate take_changed(BoneView& view) const {
+    return visit([&](FollowedBone& bone) { return bone.take_changed(view); });
+  }
   const VoxelBone& bone() const { return shared().bone(); }  ///< for its constant properties, as its shape
 
  protected:

@@ -5,9 +5,7 @@
 #include <cstdint>
 
 #include "burrlab/brick.hpp"
-#ifdef _MSC_VER
-#include <intrin.h>
-#endif
+#include "lowest_bit.hpp"
 
 namespace burrlab {
 
@@ -35,16 +33,6 @@ struct Reach {
   }
   double least_of_all() const { return std::min(std::min(least[0], least[1]), std::min(least[2], least[3])); }
 };
-
-inline int lowest_bit(std::uint64_t word) {
-#ifdef _MSC_VER
-  unsigned long i;
-  _BitScanForward64(&i, word);
-  return static_cast<int>(i);
-#else
-  return __builtin_ctzll(word);
-#endif
-}
 
 // Asks for the tile of a brick that is visited prefetch_brick.
 inline void prefetch(const std::uint8_t* tile) {
@@ -90,9 +78,9 @@ void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit
         y(4 * by, sphere.center[1], sphere.spacing[1]), z(4 * bz, sphere.center[2], sphere.spacing[2]);
     if (x.least_of_all() + y.least_of_all() + z.least_of_all() > outer2) return;
     for (; bricks; bricks &= bricks - 1) {
-      const int bit = lowest_bit(bricks), i = bit & 3, j = bit >> 2 & 3, k = bit >> 4;
+      const int bit = int(lowest_bit(bricks)), i = bit & 3, j = bit >> 2 & 3, k = bit >> 4;
       if (const std::uint64_t later = bricks & (bricks - 1)) {
-        const int next = lowest_bit(later);
+        const int next = int(lowest_bit(later));
         prefetch_brick(4 * bz + (next >> 4), 4 * by + (next >> 2 & 3), 4 * bx + (next & 3));
       }
       if (x.least[i] + y.least[j] + z.least[k] <= outer2)
@@ -107,7 +95,7 @@ void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit
       for (std::int64_t x = low[0] / 4; x <= high[0] / 4; ++x) {
         std::uint64_t blocks = occupancy.block_of_blocks(z, y, x) & children_within(low, high, z, y, x);
         for (; blocks; blocks &= blocks - 1) {
-          const int bit = lowest_bit(blocks);
+          const int bit = int(lowest_bit(blocks));
           in_block(4 * z + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * x + (bit & 3));
         }
       }

@@ -98,10 +98,10 @@ std::int64_t BurrContact::erode_at_force(double force, const Vec3& center, const
   const double m = material_.rate_exponent;
   TickSums sums;
   if (m == 0.0) {
-    tick_->erode(*bone_, center, steps, tick, &sums);
+    sums = tick_->erode(*bone_, center, steps, tick);
   } else if (force > 0.0) {
     const double factor = std::min(portable::power(force, m), std::numeric_limits<double>::max());
-    tick_->erode(*bone_, center, steps.times(factor), tick, &sums);
+    sums = tick_->erode(*bone_, center, steps.times(factor), tick);
   }
   ++tick;
   return sums.lost;
@@ -156,8 +156,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
     // Bracket [low, high] of the position: the force is below the set-point at low, above it at high.
     double low = s, low_force = axial(low), high = 0.0, high_force = 0.0;
     double step = std::max(1.5 * last_advance, finest);
-    bool found = low_force >= force - tolerance;
-    if (!found) {
+    if (!(low_force >= force - tolerance)) {
       for (;;) {
         high = std::min(low + step, travel);
         high_force = axial(high);

@@ -86,8 +86,7 @@ class Extraction {
         level_(level) {}
 
   SurfaceBlock run() {
-    if (!load()) return {};
-    if (!classify()) return {};
+    if (!load() || !classify()) return {};
     vertex_.assign(std::size_t(most_parts) * step[2] * side, -1);
     for (int axis = 0; axis < 3; ++axis) cross_edges(axis);
     return std::move(out_);
@@ -153,7 +152,7 @@ class Extraction {
         const std::uint64_t here = inside_[row];
         const std::uint64_t next = axis == 0 ? here >> 1 : inside_[row + (axis == 1 ? 1 : side)];
         for (std::uint64_t crossed = (here ^ next) & own; crossed; crossed &= crossed - 1) {
-          const int x = lowest_bit(crossed);
+          const int x = int(lowest_bit(crossed));
           quad(axis, int(row) * side + x, (here >> x & 1) != 0);
         }
       }
@@ -245,14 +244,11 @@ class Extraction {
   // weights 1 2 1 along the others. Between the corners: trilinear. All computed as sums over the 4^3 voxels
   // around, one axis after another.
   Vec3 normal(int cell, const Vec3& at) const {
-    double slope[3][4], smooth[3][4];
+    std::array<double, 4> slope[3], smooth[3];
     for (int axis = 0; axis < 3; ++axis) {
       const double f = at[axis], g = 1.0 - f;
-      const double d[4] = {-g, -f, g, f}, w[4] = {g, 2.0 * g + f, g + 2.0 * f, f};
-      for (int i = 0; i < 4; ++i) {
-        slope[axis][i] = d[i];
-        smooth[axis][i] = w[i];
-      }
+      slope[axis] = {-g, -f, g, f};
+      smooth[axis] = {g, 2.0 * g + f, g + 2.0 * f, f};
     }
     Vec3 wide = Vec3::Zero();
     for (int z = 0; z < 4; ++z) {

@@ -230,13 +230,12 @@ Moments Tick::moments(const VoxelBone& bone, const Vec3& center, TickSums* sums)
   return to_moments(bone, at, pass_sums);
 }
 
-void Tick::erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
-                 TickSums* sums) const {
+TickSums Tick::erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
+                     std::uint64_t tick) const {
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
   prepare_erosion(ball, tick);
-  const TickSums pass_sums = pass<false, true>(bone, &bone, at, ball, &steps);
-  if (sums) *sums = pass_sums;
+  return pass<false, true>(bone, &bone, at, ball, &steps);
 }
 
 Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
@@ -244,9 +243,8 @@ Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const Erosi
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
   prepare_erosion(ball, tick);
-  const TickSums pass_sums = pass<true, true>(bone, &bone, at, ball, &steps);
-  if (sums) *sums = pass_sums;
-  return to_moments(bone, at, pass_sums);
+  *sums = pass<true, true>(bone, &bone, at, ball, &steps);
+  return to_moments(bone, at, *sums);
 }
 
 }  // namespace burrlab

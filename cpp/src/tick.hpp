@@ -40,8 +40,7 @@ class Tick {
   /// Moments at `center` [mm], without erosion.
   Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
   /// Erosion by one step, with the draws of `tick`, without moments.
-  void erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
-             TickSums* sums) const;
+  TickSums erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick) const;
   /// Moments and erosion in one pass; the moments are those before the erosion.
   Moments moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
                             std::uint64_t tick, TickSums* sums) const;

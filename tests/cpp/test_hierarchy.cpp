@@ -134,7 +134,7 @@ void check_random_sequences(const Index3& shape, unsigned seed) {
       const Tick tick(bone, 2.0, what == 3 ? Scheme::cell : Scheme::layer, Shape::parse("constant"), seed, 0);
       Vec3 center;
       for (int axis = 0; axis < 3; ++axis) center[axis] = spacing[axis] * double(below(shape[2 - axis]));
-      tick.erode(bone, center, ErosionSteps(0.1 * double(1 + below(100))), std::uint64_t(i), nullptr);
+      tick.erode(bone, center, ErosionSteps(0.1 * double(1 + below(100))), std::uint64_t(i));
     } else if (what == 6) {
       VoxelBone copy = bone;
       Levels less = copy.density();
@@ -161,7 +161,7 @@ void check_eroding_everything_away() {
       for (int i = 0; i <= 150; ++i) {
         const double along = 0.5 * i;
         tick.erode(bone, along_x ? Vec3(along, 1.0, 0.5) : Vec3(0.5, 1.0, along), ErosionSteps(100.0),
-                   std::uint64_t(i), nullptr);
+                   std::uint64_t(i));
         if (i % 30 == 0) check_all(bone);
       }
       check_all(bone);
@@ -185,7 +185,7 @@ void check_pristine_copies() {
     const Tick tick(bone, 2.0, Scheme::layer, Shape::parabolic(), 1, 0);
     for (VoxelBone* one : {&bone, &written}) {
       for (const bool eroded : {false, true}) {
-        if (eroded) tick.erode(*one, center, ErosionSteps(2.0), 0, nullptr);
+        if (eroded) tick.erode(*one, center, ErosionSteps(2.0), 0);
         CHECK((one->removed() > 0.0) == eroded);
         for (std::size_t brick = 0; brick < count(one->bricks()); ++brick)
           CHECK(one->pristine_tile(brick) == nullptr && one->pristine_level(brick) == level);
@@ -202,7 +202,7 @@ void check_pristine_copies() {
   CHECK(bone.pristine_tile(0) == bone.tile(0) && bone.pristine_tile(1) == nullptr);
   VoxelBone copy = bone;
   CHECK(copy.pristine_tile(0) == copy.tile(0) && copy.tile(0) != bone.tile(0));
-  Tick(bone, 2.0, Scheme::layer, Shape::parabolic(), 1, 0).erode(bone, center, ErosionSteps(2.0), 0, nullptr);
+  Tick(bone, 2.0, Scheme::layer, Shape::parabolic(), 1, 0).erode(bone, center, ErosionSteps(2.0), 0);
   CHECK(bone.removed() > 0.0 && bone.pristine_tile(0) != bone.tile(0) && bone.pristine_tile(1) == nullptr);
   CHECK(bone.pristine() == levels && copy.density() == levels && copy.pristine_tile(0) == copy.tile(0));
   copy = bone;

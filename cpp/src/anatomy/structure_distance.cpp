@@ -101,21 +101,19 @@ double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, doubl
     last[axis] = best.last[2 - axis] / brick_side;
   }
   constexpr int fan = Occupancy::fan;
-  for (std::int64_t z = first[2] / fan; z <= last[2] / fan; ++z) {
-    for (std::int64_t y = first[1] / fan; y <= last[1] / fan; ++y) {
-      for (std::int64_t x = first[0] / fan; x <= last[0] / fan; ++x) {
-        std::uint64_t bricks = where_.block(z, y, x) & children_within(first, last, z, y, x);
-        if (!bricks) continue;
-        const Index3 low{block_side * z, block_side * y, block_side * x};
-        const Index3 high{low[0] + block_side - 1, low[1] + block_side - 1, low[2] + block_side - 1};
-        if (squared_to(low, high) >= best.squared) continue;
-        for (; bricks; bricks &= bricks - 1) {
-          const int bit = lowest_bit(bricks);
-          search_brick({fan * z + (bit >> 4), fan * y + (bit >> 2 & 3), fan * x + (bit & 3)}, point, best);
-        }
-      }
+  const Index3 begin{first[2] / fan, first[1] / fan, first[0] / fan};
+  each_place(begin, {last[2] / fan, last[1] / fan, last[0] / fan}, [&](const Index3& block) {
+    const auto [z, y, x] = block;
+    std::uint64_t bricks = where_.block(z, y, x) & children_within(first, last, z, y, x);
+    if (!bricks) return;
+    const Index3 low{block_side * z, block_side * y, block_side * x};
+    const Index3 high{low[0] + block_side - 1, low[1] + block_side - 1, low[2] + block_side - 1};
+    if (squared_to(low, high) >= best.squared) return;
+    for (; bricks; bricks &= bricks - 1) {
+      const int bit = int(lowest_bit(bricks));
+      search_brick({fan * z + (bit >> 4), fan * y + (bit >> 2 & 3), fan * x + (bit & 3)}, point, best);
     }
-  }
+  });
   return best.any ? std::sqrt(best.squared) : std::numeric_limits<double>::infinity();
 }
 
@@ -138,15 +136,13 @@ void StructureSearch::search_brick(const Index3& brick, const Vec3& point, Best&
     }
     return best.take(squared, at);
   }
-  double x_squared[brick_side], y_squared[brick_side];
-  for (std::int64_t x = first[2]; x <= last[2]; ++x) {
-    const double d = gap(0, point[0], x, x);
-    x_squared[x & 7] = d * d;
-  }
-  for (std::int64_t y = first[1]; y <= last[1]; ++y) {
-    const double d = gap(1, point[1], y, y);
-    y_squared[y & 7] = d * d;
-  }
+  double squares[2][brick_side];
+  for (int axis = 0; axis < 2; ++axis)
+    for (std::int64_t i = first[2 - axis]; i <= last[2 - axis]; ++i) {
+      const double d = gap(axis, point[axis], i, i);
+      squares[axis][i & 7] = d * d;
+    }
+  const auto& [x_squared, y_squared] = squares;
   const std::uint64_t numbers = 0x0101010101010101u * tissue_;
   for (std::int64_t z = first[0]; z <= last[0]; ++z) {
     const double dz = gap(2, point[2], z, z);

@@ -155,16 +155,16 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   if (plain) {
     for (RowSet left = visited.shallow; left; left &= left - 1)
       measure_row<layer, isotropic, summing, eroding, true, mixed>(at, brick, distances, c, count++,
-                                                                   lowest(left), steps, mass, km_sum);
+                                                                   lowest_bit(left), steps, mass, km_sum);
   } else {
     for (RowSet left = visited.shallow; left; left &= left - 1)
       measure_row<layer, isotropic, summing, eroding, false, mixed>(at, brick, distances, c, count++,
-                                                                    lowest(left), steps, mass, km_sum);
+                                                                    lowest_bit(left), steps, mass, km_sum);
   }
   const int shallow = count;
   for (RowSet left = visited.deep; left; left &= left - 1)
-    measure_deep_row<layer, summing, eroding, mixed>(at, brick, distances, c, count++, lowest(left), steps,
-                                                     mass, km_sum);
+    measure_deep_row<layer, summing, eroding, mixed>(at, brick, distances, c, count++, lowest_bit(left),
+                                                     steps, mass, km_sum);
   if (summing) sum_over_lanes(mass, layer && brick.faint, sums);
   if (summing && mixed) sums.stiffness = total(km_sum);
   if (!eroding) return;

@@ -113,7 +113,7 @@ BURRLAB_RARE Integer break_ties(const Sphere& at, const Brick& brick, unsigned r
   store(each, lost);
   store(low, truncate(rest));
   for (; tie; tie &= tie - 1) {
-    const int lane = static_cast<int>(lowest(tie));
+    const int lane = static_cast<int>(lowest_bit(tie));
     const std::uint32_t column =
         brick.column + (row >> 3) * brick.columns_in_slab + static_cast<std::uint32_t>(lane);
     each[lane] += draw_one(at, column, y, 1) < static_cast<std::uint32_t>(low[lane]);

@@ -48,7 +48,7 @@ inline void draw_slabs(const Sphere& at, const Brick& brick, RowSet wanted, std:
   by_slab |= by_slab >> 2;
   by_slab = (by_slab | by_slab >> 1) & 0x0101010101010101u;
   for (; by_slab; by_slab &= by_slab - 1) {
-    const unsigned z = lowest(by_slab) / 8;
+    const unsigned z = lowest_bit(by_slab) / 8;
     const Draw drawn = draw(at.draws, brick.column + z * brick.columns_in_slab);
     for (int i = 0; i < 4; ++i) {
       store(u[8 * z + 2 * i], low16(drawn.word[i]));

@@ -2,9 +2,7 @@
 // once per instruction set, after its lanes_*.hpp; all is local to that file.
 #pragma once
 
-#ifdef _MSC_VER
-#include <intrin.h>
-#endif
+#include "lowest_bit.hpp"
 
 namespace burrlab::kernel {
 namespace {
@@ -15,16 +13,6 @@ constexpr int brick_rows = 64;  // row i lies along x at y = i % 8, z = i / 8
 using RowSet = std::uint64_t;  // one bit per row
 
 inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
-
-inline unsigned lowest(RowSet bits) {
-#if defined(_MSC_VER)
-  unsigned long i;
-  _BitScanForward64(&i, bits);
-  return static_cast<unsigned>(i);
-#else
-  return static_cast<unsigned>(__builtin_ctzll(bits));
-#endif
-}
 
 /// Constants of the tick, in lanes. Local to a visit, so that no store to the bone can alias them and the
 /// compiler keeps them in registers.

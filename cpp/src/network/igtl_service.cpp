@@ -86,11 +86,10 @@ void IgtlService::append_newest(std::uint64_t timestamp) {
   for (std::uint32_t i = 0; i < session_.burrs; ++i) {
     const BurrRecord& burr = session_.newest.burr[i];
     const Vec3 center(burr.center.data());
-    if (openigtlink::is_plausible(center)) {
+    if (openigtlink::is_plausible(center))
       encode_transform(bytes_, envelope(burr_names_[i]), openigtlink::to_ras(center, burr.orientation));
-    } else {
+    else
       ++session_.status.out_of_range;
-    }
     if (session_.settings.sensor)
       encode_sensor(bytes_, envelope(sensor_name[i]), force_in_ras(burr).data(), 3);
     encode_transform(bytes_, envelope(force_name[i]), openigtlink::to_ras(Vec3(burr.force.data())));

@@ -87,28 +87,19 @@ std::uint8_t* put_array_head(std::uint8_t* at, std::uint8_t scalar, const std::u
 
 bool is(const Message& message, std::string_view type) { return message.header.type.view() == type; }
 
-struct ArrayHead {
-  std::array<std::uint16_t, 255> shape;
-  std::size_t dimensions;
-  ByteView data;
-};
-
-Drop decode_array_head(const Message& message, std::uint8_t scalar, std::size_t scalar_size,
-                       ArrayHead& head) {
+/// Finds the elements of an array, each of `size` bytes.
+Drop decode_array(const Message& message, std::uint8_t scalar, std::size_t size, ByteView& elements) {
   if (!is(message, ndarray_type)) return Drop::wrong_type;
   const ByteView content = message.content;
   if (content.size < 2) return Drop::bad_length;
   if (content.data[0] != scalar) return Drop::bad_scalar;
-  head.dimensions = content.data[1];
-  const std::size_t head_size = 2 + 2 * head.dimensions;
-  if (head.dimensions == 0 || content.size < head_size) return Drop::bad_length;
-  for (std::size_t i = 0; i < head.dimensions; ++i)
-    head.shape[i] = get<std::uint16_t>(content.data + 2 + 2 * i);
-  head.data = {content.data + head_size, content.size - head_size};
-  if (head.data.size % scalar_size ||
-      !holds(head.shape.data(), head.dimensions, head.data.size / scalar_size))
-    return Drop::bad_length;
-  return Drop::none;
+  const std::size_t dimensions = content.data[1], head_size = 2 + 2 * dimensions;
+  if (dimensions == 0 || content.size < head_size) return Drop::bad_length;
+  std::uint16_t shape[255];
+  for (std::size_t i = 0; i < dimensions; ++i) shape[i] = get<std::uint16_t>(content.data + 2 + 2 * i);
+  elements = {content.data + head_size, content.size - head_size};
+  const bool whole = elements.size % size == 0 && holds(shape, dimensions, elements.size / size);
+  return whole ? Drop::none : Drop::bad_length;
 }
 
 }  // namespace
@@ -234,22 +225,22 @@ Drop decode_transform(const Message& message, Transform& transform) {
 }
 
 Drop decode_ndarray_float64(const Message& message, std::vector<double>& values) {
-  ArrayHead head;
-  const Drop reason = decode_array_head(message, scalar_float64, 8, head);
+  ByteView elements;
+  const Drop reason = decode_array(message, scalar_float64, 8, elements);
   if (reason != Drop::none) return reason;
-  values.resize(head.data.size / 8);
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] = get<double>(head.data.data + 8 * i);
+  values.resize(elements.size / 8);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = get<double>(elements.data + 8 * i);
   return Drop::none;
 }
 
 Drop decode_ndarray_uint8(const Message& message, ByteView& bytes) {
-  ArrayHead head;
-  const Drop reason = decode_array_head(message, scalar_uint8, 1, head);
+  ByteView elements;
+  const Drop reason = decode_array(message, scalar_uint8, 1, elements);
   if (reason != Drop::none) return reason;
-  if (head.data.size < byte_string_prefix) return Drop::bad_length;
-  const std::uint64_t length = get<std::uint64_t>(head.data.data);
-  if (length > head.data.size - byte_string_prefix) return Drop::bad_length;
-  bytes = {head.data.data + byte_string_prefix, std::size_t(length)};
+  if (elements.size < byte_string_prefix) return Drop::bad_length;
+  const std::uint64_t length = get<std::uint64_t>(elements.data);
+  if (length > elements.size - byte_string_prefix) return Drop::bad_length;
+  bytes = {elements.data + byte_string_prefix, std::size_t(length)};
   return Drop::none;
 }
 

@@ -34,10 +34,8 @@ openigtlink::Envelope envelope(Kind kind, int header_version) {
 // The fields of each message in their order, for a writer or a reader.
 template <class Stream>
 void pass_fields(Stream& stream, Word& word) {
-  auto holds = std::uint32_t(word.holds);
-  stream.number(word.version).number(holds).number(word.session).number(word.tick);
+  stream.number(word.version).number(word.holds).number(word.session).number(word.tick);
   stream.text(word.digest, digest_digits);
-  word.holds = Holds(holds);
 }
 
 template <class Stream>

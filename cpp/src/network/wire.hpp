@@ -37,7 +37,7 @@ inline bool holds(const std::uint16_t* shape, std::size_t dimensions, std::uint6
 template <class Number>
 using WordOf = std::conditional_t<sizeof(Number) == 8, std::uint64_t, std::uint32_t>;
 
-/// A number in network byte order, on any machine.
+/// A number, or an enumeration, in network byte order, on any machine.
 template <class Number>
 Number get(const std::uint8_t* at) {
   WordOf<Number> word = 0;

@@ -14,16 +14,12 @@ MailboxDevice::MailboxDevice(double lost_after, std::string name)
 
 void MailboxDevice::put_of(std::uint64_t time, const Vec3& position, const Vec3& velocity, bool on,
                            const Quaternion& orientation, std::uint8_t buttons) {
-  Letter letter{};
-  for (int axis = 0; axis < 3; ++axis) {
-    require_finite("position", letter.position[axis] = position[axis]);
-    require_finite("velocity", letter.velocity[axis] = velocity[axis]);
-  }
+  require_finite("position", position);
+  require_finite("velocity", velocity);
   require_unit("orientation", orientation);
-  letter.orientation = orientation;
-  letter.on = on;
-  letter.buttons = buttons;
-  letter.time = time ? time : std::uint64_t(steady_now());
+  Letter letter{{}, {}, orientation, on, buttons, {}, time ? time : std::uint64_t(steady_now())};
+  std::copy_n(position.data(), 3, letter.position.begin());
+  std::copy_n(velocity.data(), 3, letter.velocity.begin());
   in_.put(letter);
 }
 

@@ -23,12 +23,6 @@ static std::int64_t read_clock(clockid_t clock) noexcept {
   return std::int64_t(t.tv_sec) * 1000000000 + t.tv_nsec;
 }
 
-static std::string sentence(const std::string& what, int error, const std::string& granted,
-                            const std::string& need) {
-  if (error == 0) return what + ": " + granted;
-  return what + ": not granted (" + std::strerror(error) + "); " + need;
-}
-
 std::int64_t steady_now() noexcept { return read_clock(CLOCK_MONOTONIC); }
 std::int64_t thread_cpu_now() noexcept { return read_clock(CLOCK_THREAD_CPUTIME_ID); }
 
@@ -41,34 +35,34 @@ void sleep_until(std::int64_t time) noexcept {
 static std::atomic<int> locking{0};  // loops of this process that hold its memory
 
 std::vector<std::string> become_realtime(const RealtimeRequest& request) {
-  std::vector<std::string> said;
+  std::vector<std::string> notes;
+  const auto note = [&](const std::string& what, int error, const std::string& granted, const char* need) {
+    notes.push_back(what + ": " +
+                    (error ? std::string("not granted (") + std::strerror(error) + "); " + need : granted));
+  };
   if (request.priority) {
     sched_param parameter{};
     parameter.sched_priority = request.level;
-    said.push_back(
-        sentence("real-time priority", pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter),
-                 "first-in-first-out, level " + std::to_string(request.level),
-                 "it needs CAP_SYS_NICE or an rtprio limit, and ticks will be late beside other work"));
+    note("real-time priority", pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter),
+         "first-in-first-out, level " + std::to_string(request.level),
+         "it needs CAP_SYS_NICE or an rtprio limit, and ticks will be late beside other work");
   } else {
-    said.push_back("real-time priority: not asked for");
+    notes.push_back("real-time priority: not asked for");
   }
   if (request.lock_memory) {
     ++locking;
-    said.push_back(
-        sentence("memory", mlockall(MCL_CURRENT) == 0 ? 0 : errno, "locked",
-                 "it needs CAP_IPC_LOCK or a larger memlock limit, and a page fault can delay a tick"));
+    note("memory", mlockall(MCL_CURRENT) == 0 ? 0 : errno, "locked",
+         "it needs CAP_IPC_LOCK or a larger memlock limit, and a page fault can delay a tick");
   }
   if (request.cpu >= 0) {
     cpu_set_t set;
     CPU_ZERO(&set);
     if (request.cpu < CPU_SETSIZE) CPU_SET(static_cast<unsigned>(request.cpu), &set);
-    said.push_back(sentence("CPU " + std::to_string(request.cpu),
-                            pthread_setaffinity_np(pthread_self(), sizeof set, &set), "the loop stays on it",
-                            "the loop may move between CPUs"));
+    note("CPU " + std::to_string(request.cpu), pthread_setaffinity_np(pthread_self(), sizeof set, &set),
+         "the loop stays on it", "the loop may move between CPUs");
   }
-  said.push_back(sentence("timer slack", prctl(PR_SET_TIMERSLACK, 1UL) == 0 ? 0 : errno, "1 ns",
-                          "wake-ups may be 50 us late"));
-  return said;
+  note("timer slack", prctl(PR_SET_TIMERSLACK, 1UL) == 0 ? 0 : errno, "1 ns", "wake-ups may be 50 us late");
+  return notes;
 }
 
 void unlock_memory() noexcept {

@@ -76,17 +76,10 @@ bool ServoDevice::cycle() noexcept {
   int code = fresh;
   if (!closing_.load(std::memory_order_acquire)) {
     code = exchange(pose);
-    Letter letter{};
-    if (code == fresh &&
-        !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), letter.orientation))
+    Quaternion orientation;
+    if (code == fresh && !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), orientation))
       code = no_rotation;
-    if (code == fresh) {
-      letter.position = pose.position;
-      letter.velocity = pose.velocity;
-      letter.buttons = pose.buttons;
-      letter.time = steady_now();
-      in_.put(letter);
-    }
+    if (code == fresh) in_.put({pose.position, pose.velocity, orientation, pose.buttons, steady_now()});
     if (code == fresh || code == old) return true;
     fault_.store(code, std::memory_order_release);
   }

@@ -63,10 +63,9 @@ Examples
 )");
   parameters.def(py::init(&make));
   for (const EffectParameterRow& row : effect_parameter_table()) {
-    const auto* at = &row;
     const std::string doc = *row.unit ? "[" + std::string(row.unit) + "]" : "";
     parameters.def_property_readonly(
-        row.name, [at](const EffectParameters& p) { return py::object(values_of(p)[at->name]); },
+        row.name, [&row](const EffectParameters& p) { return py::object(values_of(p)[row.name]); },
         doc.c_str());
   }
   parameters.def("to_dict", &values_of, "All values, for JSON.")

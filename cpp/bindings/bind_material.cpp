@@ -253,12 +253,10 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
                            a.alpha, a.shape.label(), a.source, law);
            })
       .def(py::pickle(
-          [](const Material& a)
-              -> py::tuple {  // the keys of stores follow from it: the paper's law adds nothing
-            if (a.force_exponent == Material::paper_force_exponent && a.rate_exponent == 0.0)
-              return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source);
-            return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source, a.force_exponent,
-                                  a.rate_exponent);
+          [](const Material& a) {  // the keys of stores follow from it: the paper's law adds nothing
+            const bool paper = a.force_exponent == Material::paper_force_exponent && a.rate_exponent == 0.0;
+            const py::tuple law = paper ? py::tuple() : py::make_tuple(a.force_exponent, a.rate_exponent);
+            return py::tuple(py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source) + law);
           },
           [](const py::tuple& t) {
             const bool paper = t.size() == 5;

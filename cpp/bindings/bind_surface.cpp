@@ -47,15 +47,6 @@ void restore_bricks(VoxelBone& bone, const Numbers& bricks, const LevelArray& de
   }
 }
 
-std::vector<Index3> to_places(const char* name, const Places& places) {
-  if (places.ndim() != 2 || places.shape(1) != 3)
-    throw std::invalid_argument(std::string(name) + " must have the shape (n, 3)");
-  std::vector<Index3> out(static_cast<std::size_t>(places.shape(0)));
-  for (std::size_t i = 0; i < out.size(); ++i)
-    for (std::size_t axis = 0; axis < 3; ++axis) out[i][axis] = places.at(py::ssize_t(i), py::ssize_t(axis));
-  return out;
-}
-
 // An array that owns the vector's memory.
 template <class T>
 py::array_t<T> to_owner(std::vector<T>&& values, py::ssize_t columns) {
@@ -83,11 +74,13 @@ std::shared_ptr<VoxelBone> unpack_bone(const Index3& shape, const Vec3& spacing,
 }
 
 py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
-  const std::vector<Index3> places = to_places("blocks", blocks);
-  std::vector<SurfaceBlock> made(places.size());
+  if (blocks.ndim() != 2 || blocks.shape(1) != 3)
+    throw std::invalid_argument("blocks must have the shape (n, 3)");
+  std::vector<SurfaceBlock> made;
   without_gil([&] {
     const VoxelBone::Reading reading(bone);
-    for (std::size_t i = 0; i < places.size(); ++i) made[i] = extract_surface(bone, places[i], level);
+    for (const std::int64_t* at = blocks.data(); at < blocks.data() + blocks.size(); at += 3)
+      made.push_back(extract_surface(bone, {at[0], at[1], at[2]}, level));
   });
   py::list out;
   for (SurfaceBlock& block : made)

@@ -102,10 +102,10 @@ void bind_voxel_bone_copies(VoxelBoneClass& bone) {
           }));
 }
 
-py::object numbers_of(const VoxelBone& bone) {
-  py::object out = tissue_box(bone, {0, 0, 0}, bone.shape());
-  if (!out.is_none()) out.attr("flags").attr("writeable") = false;
-  return out;
+/// An array that was made for the caller, or None.
+py::object read_only(py::object array) {
+  if (!array.is_none()) array.attr("flags").attr("writeable") = false;
+  return array;
 }
 
 /// A sum over one tissue, by its name or number.
@@ -147,7 +147,8 @@ ValueError
           },
           "Table of its tissues; None if it is of a single material")
       .def_property_readonly(
-          "tissue_numbers", &numbers_of,
+          "tissue_numbers",
+          [](const VoxelBone& bone) { return read_only(tissue_box(bone, {0, 0, 0}, bone.shape())); },
           "Tissue number of every voxel, (z, y, x) uint8: a read-only copy; None without tissues")
       .def("mass_of", &of_tissue<&VoxelBone::mass_of>, "tissue"_a,
            "Present mass of a tissue, by name or number [mm^3]. ValueError if there is no such tissue.")
@@ -180,12 +181,6 @@ py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, 
   const py::gil_scoped_release release;
   const VoxelBone::Reading reading(bone);
   bone.read(start, shape, pristine, to);
-  return out;
-}
-
-py::array read_only(const VoxelBone& bone, bool pristine) {
-  py::array out = levels_of(bone, {0, 0, 0}, bone.shape(), pristine);
-  out.attr("flags").attr("writeable") = false;
   return out;
 }
 
@@ -286,10 +281,12 @@ ValueError
           "origin", [](const VoxelBone& b) { return three(b.origin()); },
           "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
       .def_property_readonly(
-          "density", [](const VoxelBone& bone) { return read_only(bone, false); },
+          "density",
+          [](const VoxelBone& bone) { return read_only(levels_of(bone, {0, 0, 0}, bone.shape(), false)); },
           "Present levels, (z, y, x) uint8: a read-only copy, made at each call; `read` copies a part")
       .def_property_readonly(
-          "pristine", [](const VoxelBone& bone) { return read_only(bone, true); },
+          "pristine",
+          [](const VoxelBone& bone) { return read_only(levels_of(bone, {0, 0, 0}, bone.shape(), true)); },
           "Levels as loaded or written, (z, y, x) uint8: a read-only copy")
       .def("read", &levels_of, "start"_a, "shape"_a, py::kw_only(), "pristine"_a = false,
            R"(Copies the levels of a box.

@@ -57,17 +57,16 @@ auto* handle_of(std::string& error, Make make) noexcept {
   return handle;
 }
 
-template <class Struct>
-void check_struct(const Struct* given, const char* name) {
-  if (!given) throw InvalidArgument(std::string(name) + " must not be null");
-  if (given->size != sizeof *given)
-    refuse(std::string("size of ") + name, std::to_string(sizeof *given), given->size);
-}
-
 template <class Type>
 Type* not_null(Type* pointer, const char* name) {
   if (!pointer) throw InvalidArgument(std::string(name) + " must not be null");
   return pointer;
+}
+
+template <class Struct>
+void check_struct(const Struct* given, const char* name) {
+  if (not_null(given, name)->size != sizeof *given)
+    refuse(std::string("size of ") + name, std::to_string(sizeof *given), given->size);
 }
 
 void check_count(const VoxelBone& bone, std::size_t count) {

@@ -105,9 +105,7 @@ std::string Hash128::text() const {
 
 std::string VoxelBone::digest() const {
   const Reading reading(*this);
-  Hash128 total = of_geometry(*this);
-  for (std::size_t brick = 0; brick < brick_count(); ++brick) total.add(of_brick(*this, brick));
-  return total.text();
+  return RunningDigest(*this).total().text();
 }
 
 RunningDigest::RunningDigest(const VoxelBone& bone) : brick_(bone.brick_count()), total_(of_geometry(bone)) {

@@ -91,18 +91,14 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
       add_event({record.index, std::uint32_t(kind), std::uint32_t(s), std::int32_t(burr), at.on, distance,
                  force, removed(s), at.center});
     };
-    if (!beside.approached && distance <= limits.approach) {
-      beside.approached = true;
-      add_event_of(WatchEventKind::approach);
-    }
-    if (!beside.touched && distance <= limits.touch) {
-      beside.touched = true;
-      add_event_of(WatchEventKind::touch);
-    }
-    if (injures) {
-      beside.injured = true;
-      add_event_of(WatchEventKind::injury);
-    }
+    const auto enter = [&](bool& state, bool holds, WatchEventKind kind) {
+      if (state || !holds) return;
+      state = true;
+      add_event_of(kind);
+    };
+    enter(beside.approached, distance <= limits.approach, WatchEventKind::approach);
+    enter(beside.touched, distance <= limits.touch, WatchEventKind::touch);
+    enter(beside.injured, injures, WatchEventKind::injury);
     if (distance > limits.touch + limits.hysteresis) beside.touched = beside.injured = false;
     if (beside.approached && distance > limits.approach + limits.hysteresis) {
       beside.approached = false;
@@ -160,15 +156,8 @@ void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept
     const std::int64_t lost = levels_[s] - levels;
     levels_[s] = levels;
     if (lost <= 0 || !is_injury(bone, s)) continue;
-    add_event({tick ? tick - 1 : 0,
-               std::uint32_t(WatchEventKind::injury),
-               std::uint32_t(s),
-               -1,
-               0,
-               std::numeric_limits<double>::infinity(),
-               0.0,
-               removed(s),
-               {}});
+    add_event({tick ? tick - 1 : 0, std::uint32_t(WatchEventKind::injury), std::uint32_t(s), -1, 0,
+               std::numeric_limits<double>::infinity(), 0.0, removed(s)});
   }
 }
 

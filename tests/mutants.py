@@ -1,8 +1,6 @@
-"""Do the tests notice faults? By hand and by seed, each with the quickest test files that run its function.
+"""Do the tests notice faults? By hand and drawn at random, each with the quickest test files that run its function.
 
     python tests/mutants.py trace calls.json                  # functions that each test file runs, its time
-    python tests/mutants.py draw 180 >> tests/golden/mutants.jsonl
-    python tests/mutants.py draw_core 20 >> tests/golden/mutants.jsonl
     python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; resumes
     python tests/mutants.py compare before.jsonl after.jsonl
 
@@ -11,11 +9,8 @@ fault of the core by its line. For these the C++ tests run before the test files
 """
 
 import ast
-import copy
 import json
 import os
-import random
-import re
 import resource
 import shutil
 import subprocess
@@ -23,7 +18,6 @@ import sys
 import sysconfig
 import tempfile
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,15 +25,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 PACKAGE, TESTS = ROOT / "python/burrlab", ROOT / "tests/python"
 FAULTS = [ROOT / "tests/golden" / name for name in ("faults.jsonl", "mutants.jsonl")]
-SEED, MOST_FILES, MOST_SECONDS, PATIENCE = 17, 4, 90.0, 300.0
-SWAPS: dict[type, type] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.In: ast.NotIn,
-    ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
-    ast.And: ast.Or, ast.Or: ast.And,
-}  # fmt: skip
-CORE_SWAPS = {
-    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+": "-", "-": "+", "*": "/", "/": "*", "&&": "||", "||": "&&",
-}  # fmt: skip
+MOST_FILES, MOST_SECONDS, PATIENCE = 4, 90.0, 300.0
 CORE_TESTS = {
     "src": ["test_tick_reference.py", "test_hierarchy.py", "test_mean_field.py", "test_surface.py"],
     "kernel": ["test_tick_reference.py", "test_hierarchy.py"],
@@ -145,65 +131,6 @@ def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
 
     for statement in function.body:
         yield from walk(statement)
-
-
-def _mutated(node: ast.expr) -> ast.expr | None:
-    """The expression with another operator, without its `not`, or with 1 added to its number."""
-    new = copy.deepcopy(node)
-    if isinstance(new, ast.Compare) and len(new.ops) == 1:
-        new.ops = [SWAPS[type(new.ops[0])]()]
-    elif isinstance(new, ast.BinOp | ast.BoolOp) and type(new.op) in SWAPS:
-        new.op = SWAPS[type(new.op)]()  # type: ignore[assignment]
-    elif isinstance(new, ast.UnaryOp) and isinstance(new.op, ast.Not):
-        return new.operand
-    elif isinstance(new, ast.Constant) and type(new.value) in (int, float):
-        new.value = new.value + 1
-    else:
-        return None
-    return new
-
-
-def draw(count: str) -> None:
-    """Prints faults, one per line: for every room by its size, at least three."""
-    rooms: dict[str, list[dict[str, Any]]] = {}
-    files = {
-        path: list(_functions(ast.parse(path.read_text(encoding="utf-8"))))
-        for path in sorted(PACKAGE.rglob("*.py"))
-    }
-    named = Counter(name for functions in files.values() for name, _ in functions)
-    for path, functions in files.items():
-        room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "loose"
-        for name, function in functions:
-            seen: Counter[str] = Counter()
-            if named[name] > 1:  # the name alone does not find it
-                continue
-            for node in _expressions(function):
-                before, nth = ast.unparse(node), seen[ast.unparse(node)]
-                new = _mutated(node)
-                if new is not None and name.rpartition(".")[2] not in ("__repr__", "_repr_html_"):
-                    fault = {"room": room, "function": name, "before": before, "after": ast.unparse(new)}
-                    rooms.setdefault(room, []).append({**fault, "nth": nth})
-                seen[before] += 1
-    chance, whole, drawn = random.Random(SEED), sum(map(len, rooms.values())), int(count)
-    shares = {room: max(3, round(drawn * len(rows) / whole)) for room, rows in rooms.items()}
-    shares[max(shares, key=lambda room: shares[room])] += drawn - sum(shares.values())
-    for room, rows in sorted(rooms.items()):
-        print(*map(json.dumps, chance.sample(rows, shares[room])), sep="\n")
-
-
-def draw_core(count: str) -> None:
-    """Prints faults of the core: statements with another operator, except those that refuse or print."""
-    rows = []
-    for path in sorted((ROOT / "cpp/src").rglob("*.[ch]pp")):
-        for line in map(str.strip, path.read_text(encoding="utf-8").splitlines()):
-            if re.match(r"[#/]|template|using|static_assert|for ", line) or re.search(
-                r'refuse|throw|<<|"', line
-            ):
-                continue
-            for found in re.finditer(r" (<=?|>=?|[!=]=|[-+*/]|&&|\|\|) ", line.partition(" //")[0]):
-                after = line[: found.start(1)] + CORE_SWAPS[found[1]] + line[found.end(1) :]
-                rows.append({"room": "core", "function": path.name, "before": line, "after": after, "nth": 0})
-    print(*map(json.dumps, random.Random(SEED).sample(rows, int(count))), sep="\n")
 
 
 def placed(fault: dict[str, Any]) -> tuple[Path, str]:
@@ -334,8 +261,4 @@ def compare(before: str, after: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(
-        {"trace": trace, "draw": draw, "draw_core": draw_core, "run": run, "compare": compare}[sys.argv[1]](
-            *sys.argv[2:]
-        )
-    )
+    sys.exit({"trace": trace, "run": run, "compare": compare}[sys.argv[1]](*sys.argv[2:]))

@@ -49,19 +49,9 @@ class Burring:
 
     def arguments(self, tick: int, table: NDArray[np.float32], center: Numbers) -> tuple[Any, ...]:
         """Arguments of the Numba tick after the levels."""
-        place, layer = tuple(center.tolist()), self.scheme == "layer"
         return (
-            self.spacing,
-            self.origin,
-            self.radius,
-            layer,
-            self.alpha * self.dt,
-            self.seed,
-            0,
-            tick,
-            table,
-            place,
-        )
+            self.spacing, self.origin, self.radius, self.alpha * self.dt, self.seed, 0, tick, table, tuple(center.tolist()),
+        )  # fmt: skip
 
 
 def address(array: NDArray[np.generic] | None) -> int | None:

@@ -1,6 +1,6 @@
 """The tick as a loop over the sphere compiled by Numba: a baseline of the benchmark, docs/tick.md to the bit.
 
-Cubic voxels, f parabolic. Numbers called f32 on that page are `numpy.float32`, and literals combined with
+Cubic voxels, f parabolic, scheme `layer`. Numbers called f32 on that page are `numpy.float32`, and literals combined with
 them too.
 """
 
@@ -77,7 +77,7 @@ def place(center, origin, spacing, extent, count):
 
 
 @njit
-def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, center):
+def step(q, p, spacing, origin, radius, a, seed, index, tick, table, center):
     """One tick; erodes `q` in place.
 
     Parameters
@@ -90,8 +90,6 @@ def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, cent
         Centres of voxel (0, 0, 0) and of the burr [mm].
     radius : float
         [mm]
-    layer : bool
-        Scheme: `layer`, else `cell`.
     a : float
         alpha dt [1].
     seed, index, tick : int
@@ -156,27 +154,19 @@ def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, cent
                 if r2 > deep2:
                     depth = R - math.sqrt(r2)
                     w = min(max(depth * inv_s + HALF, LEAST_W), ONE)
-                    if layer:
-                        pristine = f32(p[z, y, x])
-                        m -= int(pristine * ((ONE - w) * LEVEL) + HALF)
-                        if m <= 0:
-                            continue
-                        tau = min((f32(m) * (ONE / (pristine * LEVEL))) / w, MOST_TAU)
-                        e = min(max((depth * inv_s + HALF) - ONE, ZERO), MOST_E)
-                        delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
-                        f = delta * (TWO - delta)
-                    else:
-                        m = int(f32(level) * (w * LEVEL) + HALF)
-                        if m == 0:
-                            continue
-                        if r2 * inv_R2 > ONE:
-                            f = ZERO
+                    pristine = f32(p[z, y, x])
+                    m -= int(pristine * ((ONE - w) * LEVEL) + HALF)
+                    if m <= 0:
+                        continue
+                    tau = min((f32(m) * (ONE / (pristine * LEVEL))) / w, MOST_TAU)
+                    e = min(max((depth * inv_s + HALF) - ONE, ZERO), MOST_E)
+                    delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
+                    f = delta * (TWO - delta)
                 row_mass += m
                 first_x += m * (x - base_x)
 
                 # The expected loss [2^-16 level], rounded up or down by the voxel's random number.
-                eroding = m if layer else 256 * level
-                expected = (f32(eroding) * LEVEL) * eroded_fraction(f, scale, doublings)
+                expected = (f32(m) * LEVEL) * eroded_fraction(f, scale, doublings)
                 whole = int(expected)
                 column = (z * groups + (y >> 3)) * nx + x
                 i = x - begin_x

@@ -242,15 +242,24 @@ def test_few_who_can_tell_are_missed(kind):
     assert rates[48][1] <= most_errors(0.05, 10_000)
 
 
+BIASED = reference.same_different_likelihood(1.5, 1.0)  # by a log likelihood ratio of 1
+LAPSING = [0.98 * float(rate) + 0.01 for rate in rule_of("same-different", RULES[0]).rates(3.0)]
+
+
 @pytest.mark.slow
-def test_biases_of_independent_observations_are_approximated():
-    """With a log likelihood ratio biased by 1 the lower end is too high (docs); the upper holds."""
-    rng, rates = np.random.default_rng(9), reference.same_different_likelihood(1.5, 1.0)
+@pytest.mark.parametrize(
+    ("d_prime", "rates", "low", "high"), [(1.5, BIASED, (0.0, 0.05), (0.05, 0.16)), (3.0, LAPSING, (0.05, 0.135), (0.0, 0.05))]
+)  # fmt: skip
+def test_biases_and_lapses_shift_an_end(d_prime, rates, low, high):
+    """A bias of independent observations raises the lower end, 2 % lapses lower the upper one (docs)."""
+    rng = np.random.default_rng(9)
     hits = rng.binomial(24, rates[0], (10_000, 20))
     answers = hits + rng.binomial(24, rates[1], hits.shape)
-    subjects = [conditional_hits("same-different", RULES[0], 1.5, 24, 24)] * 20
-    few, many = (np.sum(p <= 0.05) for p in group_tails(hits, answers, subjects))
-    assert few <= most_errors(0.05, 10_000) < many <= most_errors(0.16, 10_000)
+    subjects = [conditional_hits("same-different", RULES[0], d_prime, 24, 24)] * 20
+    tails = group_tails(hits, answers, subjects)
+    for p, (above, most) in zip(tails, (low, high), strict=True):
+        assert above == 0.0 or np.sum(p <= 0.05) > most_errors(above, 10_000)
+        assert np.sum(p <= 0.05) <= most_errors(most, 10_000)
 
 
 @settings(max_examples=25, deadline=None)

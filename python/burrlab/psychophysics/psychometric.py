@@ -376,7 +376,7 @@ def psychometric_function(
     In 120 fits of a Gaussian observer with 2 % lapses and a threshold of 0.2, at five levels of 0.35 to 2.6
     times the threshold, the 95 % intervals held the threshold in 117 with 20 trials per level (the prior set
     an end in 52) and in 115 with 60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a
-    standard deviation of 25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
+    standard deviation of 25 and 15 %.
 
     References
     ----------

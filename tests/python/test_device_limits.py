@@ -12,6 +12,7 @@ import threading
 
 import numpy as np
 import pytest
+import test_session
 from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal, result
 from conftest import ROOT
@@ -33,21 +34,14 @@ from burrlab import (
     _core,
     device_limits,
     load_trace,
-    materials,
     replay,
 )
 from burrlab.anatomy.watch import Watch
 
-TOOL = Burr(3.0), materials["bone"]
-
-
-def block():
-    return VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
-
 
 def session(device=None, **options):
-    options = {"seed": 1, "wall_clock": False, **options}
-    return session_of(block(), TOOL, device or HandDevice((0, 0, 3.1), push=4.0), **options)
+    """Of a hand that presses as hard as bone lets it."""
+    return test_session.session(device or HandDevice((0, 0, 3.1), push=4.0), **options)
 
 
 def recorded(path, **options):
@@ -178,7 +172,16 @@ def test_the_stability_report_knows_the_model():
 
 def test_two_burrs_have_their_own_limits():
     still = [ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
-    run = ended(session_of(block(), [TOOL] * 2, still, wall_clock=False, limits=["touch", None], ramp=0.2))
+    run = ended(
+        session_of(
+            test_session.block(),
+            [test_session.TOOL] * 2,
+            still,
+            wall_clock=False,
+            limits=["touch", None],
+            ramp=0.2,
+        )
+    )
     sent = np.linalg.norm(run.follower.take(run.follower.view())["newest"]["burr"]["sent"], axis=1)
     assert sent[0] < 1.2 < 1.5 < sent[1]
     assert run.messages[1].startswith("burr 1: no model: force at most 8 N, its change 1 N/ms, no continuous")

@@ -12,6 +12,7 @@ from view_scenes import carve, cortex_and_nerve, write_trace
 
 import burrlab
 from burrlab import closed_surface, surface_distance
+from burrlab.view import surface
 from burrlab.view.camera import Viewpoint
 from burrlab.view.surface import (
     BLOCK,
@@ -374,6 +375,21 @@ def test_distances_of_bones():
     assert there == pytest.approx(back, rel=1e-12)
     assert none == pytest.approx((0, 0, 0), abs=1e-12)
     assert 0.05 < there[0] < 0.1
+
+
+def test_distances_of_far_surfaces(monkeypatch):
+    """In another frame by mistake: few triangles are looked at, not all of them, which took minutes."""
+    looked_at, to_triangles = [], surface._to_triangles
+
+    def counted(points, corners):
+        looked_at.append(corners.size / 9)
+        return to_triangles(points, corners)
+
+    monkeypatch.setattr(surface, "_to_triangles", counted)
+    vertices, faces = closed_surface(burrlab.VoxelBone.block((2, 2, 2), 0.1), left=True)
+    distances = surface_distance((vertices, faces), (vertices + [0, 0, 20], faces))
+    assert distances[1:] == pytest.approx((20, 20))
+    assert sum(looked_at) < 200 * 40_000 < len(faces) * 40_000
 
 
 def test_refused():

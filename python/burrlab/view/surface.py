@@ -510,19 +510,20 @@ def _distances(vertices: Array, corners: Array, others: Array) -> tuple[Array, f
         np.sort(np.outer([0.7548776662466927, 0.5698402909980532], np.arange(samples)) % 1.0, axis=0),
         axis=0, prepend=0.0, append=1.0,
     )  # fmt: skip
-    middles = others.mean(axis=1)
-    tree, radius = scipy.spatial.cKDTree(middles), np.linalg.norm(others - middles[:, None], axis=2).max()
+    # The squares of the distances to a triangle and to its nearest corner differ by a third of its longest side's
+    # square at most (Pythagoras; Jung): so a triangle whose corners are farther than that is no nearer.
+    tree = scipy.spatial.cKDTree(others.reshape(-1, 3))
+    most = ((np.roll(others, -1, axis=1) - others) ** 2).sum(axis=2).max() / 3.0
 
     def nearest(points: Array) -> Array:
-        distances, left, done, count = np.full(len(points), np.inf), np.arange(len(points)), 0, 8
+        distances, left, count = np.full(len(points), np.inf), np.arange(len(points)), 16
         while len(left):
-            ranks, again = np.arange(done, min(count, len(others))) + 1, []  # of the triangles' middles
-            for some in np.array_split(left, 1 + len(left) * len(ranks) // 2**18):
-                away, near = map(np.asarray, tree.query(points[some], ranks))
-                distances[some] = np.minimum(distances[some], _to_triangles(points[some], others[near]))
-                # a triangle whose middle is farther than these may still be nearer
-                again.append(some[(distances[some] > away[:, -1] - radius) & (count < len(others))])
-            left, done, count = np.concatenate(again), count, 2 * count
+            count, again = min(count, tree.n), []
+            for some in np.array_split(left, 1 + len(left) * count // 2**18):
+                away, near = map(np.asarray, tree.query(points[some], count))
+                distances[some] = _to_triangles(points[some], others[near // 3])
+                again.append(some[(distances[some] ** 2 > away[:, -1] ** 2 - most) & (count < tree.n)])
+            left, count = np.concatenate(again), 2 * count
         return distances
 
     distances = nearest(np.einsum("kn,nki->ni", weights, corners[chosen]))

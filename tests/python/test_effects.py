@@ -122,7 +122,10 @@ def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
         parcels.append(effects.parcels)
         assert effects.balance()["dust"].made == levels_removed(player.bone) > 0
     assert (parcels[0] == parcels[1]).all()
-    refused((lambda: effects_of(player, effects, rate=0), "rate must be positive"))
+    refused(
+        (lambda: effects_of(player, effects, rate=0), "rate must be positive"),
+        (lambda: effects_of(trace, effects), "player must be a TracePlayer, such as", TypeError),
+    )
     bricks = player.seek(0)
     effects.step(0.05, {"bricks": bricks, "density": _core.read_bricks(player.bone, bricks)})
     assert effects.balance()["dust"].exact

@@ -331,6 +331,8 @@ def effects_of(
 
     Raises
     ------
+    TypeError
+        If `player` is none, but a trace, for example.
     ValueError
         If the rate is not positive, or a frame saw a tick that the trace does not hold.
 
@@ -341,6 +343,7 @@ def effects_of(
     >>> for time in effects_of(player, effects):  # doctest: +SKIP
     ...     scene.set_parcels(effects.parcels)
     """
+    require_type("player", player, TracePlayer, "TracePlayer(load_trace('session.h5'))")
     refuse(not 0 < rate < float("inf"), f"rate must be positive, got {rate!r}")
     if frames is None:
         return _stepped(player, effects, _at_rate(player, rate))

@@ -649,6 +649,11 @@ class TestWhatIsSaid:
         compared = burrlab.compare(fit, fit)
         assert len(compared.to_dataframe()) == 4
         assert "B over A & velocity at 0.812 N & 1 &" in compared.to_latex()
+        named = burrlab.compare(fit, fit, names=[r"C:\new_1", "~2 & <3>"])
+        assert (
+            r"\textasciitilde{}2 \& \textless{}3\textgreater{} over C:\textbackslash{}new\_1 &"
+            in named.to_latex()
+        )
         small = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.4, 0.5, 0.6], seed=1)
         assert "& open" in burrlab.fit(small).to_latex()
         refused(

@@ -649,7 +649,7 @@ class Tabulated(Tabular):
         def cell(value: object) -> str:
             text = "open" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
             text = "" if text == "nan" else text
-            return re.sub(r"[%&_#$^{}]", lambda found: "\\^{}" if found[0] == "^" else f"\\{found[0]}", text)
+            return re.sub(r"[%&_#$^{}\\~<>]", lambda sign: _LATEX.get(sign[0], f"\\{sign[0]}"), text)
 
         columns = self._table()
         kinds = [
@@ -660,6 +660,16 @@ class Tabulated(Tabular):
         ]
         begin, end = rf"\begin{{tabular}}{{{''.join(kinds)}}}", r"\end{tabular}"
         return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end])
+
+
+# Signs that LaTeX needs another name for than the sign after a backslash.
+_LATEX = {
+    "^": r"\^{}",
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+}
 
 
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:

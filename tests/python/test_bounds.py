@@ -13,7 +13,7 @@ from functools import cache
 import h5py
 import numpy as np
 import pytest
-from session_scenes import make_records, record, small_bone
+from session_scenes import make_records, record, refused, small_bone
 from volume_scenes import a_volume
 
 from burrlab import Volume, VoxelBone, load_bone, load_trace, read_volume, replay, save_bone, write_volume
@@ -327,5 +327,4 @@ def test_values_in_several_files(tmp_path, encoding):
         np.testing.assert_array_equal(read_volume(tmp_path / name).values, volume.values)
     for words in (["40000"] + 59 * ["1"], 61 * ["1"]):
         (tmp_path / "e.nrrd").write_text(f"{head}encoding: text\n\n{' '.join(words)}")
-        with pytest.raises(ValueError, match="or not the numbers of the header"):
-            read_volume(tmp_path / "e.nrrd")
+        refused((lambda: read_volume(tmp_path / "e.nrrd"), "or not the numbers of the header"))

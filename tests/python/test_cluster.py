@@ -4,12 +4,10 @@ import os
 import re
 import signal
 
-import numpy as np
 import pytest
 from session_scenes import refused
 from test_study import Item, calls, slowly, work
 
-import burrlab
 from burrlab.common.study import Store, StudyInterrupted, run_items
 
 distributed = pytest.importorskip("distributed", reason="dask is not installed (extra cluster)")
@@ -48,21 +46,6 @@ def test_items_give_the_same_as_on_one_thread(executor, tmp_path, chunk):
         work(item) for item in ITEMS
     ]
     assert len(Store(path)) == 40
-
-
-def test_a_sweep_gives_the_same_as_on_one_machine(executor):
-    def sweep(**options):
-        return [
-            burrlab.force_sweep(
-                burrlab.Burr(3.0), burrlab.materials["bone"], [1.0, 2.0, 5.0], repeats=2, voxel=0.4, seed=7,
-                specimen=given, **options,
-            )
-            for given in (None, burrlab.half_space(burrlab.Burr(3.0), 0.4))
-        ]  # fmt: skip
-
-    for here, there in zip(sweep(), sweep(executor=executor), strict=True):
-        assert np.array_equal(here.velocity, there.velocity, equal_nan=True)
-        assert here.status == there.status == ("ok",) * 4 + ("overloaded",) * 2
 
 
 def test_an_error_of_the_function_comes_back(executor, tmp_path):

@@ -5,9 +5,11 @@ import math
 from collections import Counter
 from functools import partial
 from itertools import pairwise, permutations
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from answer_scenes import give
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
@@ -325,18 +327,11 @@ def test_the_sinking_speed_is_held(shape, exponent):
 
 def run(design, answers, seed=1, subject="01"):
     """The trials of a run; `answers` are right or wrong in turn, or a function of the level."""
-    order, trials, said = (
-        design.order(seed=seed, subject=subject),
-        [],
-        None if callable(answers) else iter(answers),
-    )
-    while (trial := order.next()) is not None:
-        right = answers(trial.level) if said is None else next(said, None)
-        if right is None:
-            break
-        trials.append(trial)
-        order.answer(trial.correct if right else next(a for a in ("first", "second") if a != trial.correct))
-    return trials
+    order = design.order(seed=seed, subject=subject)
+    if callable(answers):
+        return give(Mock(), order, right=lambda trial: answers(trial.level))
+    in_turn = iter(answers)
+    return give(Mock(), order, len(answers), right=lambda trial: next(in_turn))
 
 
 def levels(trials):

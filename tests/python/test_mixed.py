@@ -109,24 +109,6 @@ class TestVariances:
             assert theirs.bse_fe == pytest.approx(np.sqrt(np.diag(covariance)), rel=3e-3)
         assert np.abs(theirs.fe_params).max() < 1e-3
 
-    def test_of_balanced_days_are_those_of_the_analysis_of_variance(self):
-        fit = burrlab.fit(laboratory(1, 4))
-        evidence = fit.evidence.mixed
-        r = fit.residuals.reshape(4, 8)
-        between = 8 * np.sum((r.mean(axis=1) - r.mean()) ** 2) / 3
-        within = (np.sum(r**2) - 8 * np.sum(r.mean(axis=1) ** 2)) / (32 - 4 - 1)
-        assert evidence.scatter2[0] == pytest.approx(within, rel=1e-5)
-        assert evidence.effects[0].deviation == pytest.approx(np.sqrt((between - within) / 8), rel=1e-4)
-
-    def test_effects_of_days_are_found(self):
-        (effect,) = burrlab.fit(laboratory(1, 12, within=0.01)).effects
-        random = np.random.default_rng(1)
-        random.normal(size=12)
-        true = 0.1 * random.normal(size=12)
-        assert np.array(effect.values) - np.mean(effect.values) == pytest.approx(true - true.mean(), abs=0.02)
-        assert effect.levels[:2] == ("day 0", "day 1")
-        assert effect.interval.lower < 0.1 < effect.interval.upper
-
     def test_days_that_are_alike_may_still_differ(self):
         """Four days whose scatter adds up to nothing in each: the deviation's interval is not 0 to 0."""
         random, forces = np.random.default_rng(3), np.geomspace(0.4, 2.4, 6)
@@ -512,14 +494,6 @@ class TestWhatIsSaid:
         assert text.endswith(
             "The interval of alpha rests on 13 degrees of freedom, that of alpha/c_e^2.57 on 3."
         )
-
-    def test_intervals_widen_and_labels_can_be_left_out(self):
-        curve = laboratory(1, 4)
-        fit, without = burrlab.fit(curve), burrlab.fit(curve, groups=())
-        assert fit.identified.interval.ratio() > 2 * without.identified.interval.ratio() - 1
-        unlabelled = burrlab.fit(VelocityCurve(curve.force, curve.velocity, radius=3.0))
-        assert (without.intervals, without.identified) == (unlabelled.intervals, unlabelled.identified)
-        assert without.evidence.mixed is None
 
     def test_given_sigma_is_that_of_log_velocity(self):
         """Equal relative sigmas give the weights of the relative fit, unequal ones theirs; too small ones show."""

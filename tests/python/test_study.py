@@ -12,7 +12,6 @@ import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -233,20 +232,6 @@ def test_an_executor_that_is_shut_down_in_mid_study(tmp_path):
             progress=lambda done, total: pool.shutdown(wait=False, cancel_futures=True),
         )  # fmt: skip
     assert len(store) >= 1
-
-
-def test_a_result_that_never_arrives_from_a_closed_client():
-    class Lost(ThreadPoolExecutor):
-        _client = SimpleNamespace(status="closed")
-
-        def submit(self, function, /, *arguments):
-            return Future()
-
-    with (
-        Lost() as lost,
-        pytest.raises(StudyInterrupted, match=r"died after 0 of 1 items \(ConnectionError: the client is"),
-    ):
-        run_items(work, [Item(1)], executor=lost)
 
 
 @pytest.mark.parametrize(("chunk", "workers"), [(1, None), (4, None), (1, 2)])

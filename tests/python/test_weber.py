@@ -4,10 +4,11 @@ import itertools
 import math
 from collections import Counter
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from answer_scenes import SMALL, protocol, run
+from answer_scenes import SMALL, give, protocol, run
 from scipy.special import ndtr
 from scipy.stats import binom, linregress, norm, t, ttest_1samp
 from session_scenes import refused
@@ -396,14 +397,10 @@ def test_catch_trials(tmp_path):
     plain = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\nblocks = 2")).order(
         "01", "up"
     )
-    while (trial := plain.next()) is not None:
-        plain.answer(trial.correct if trial.level > 1.2 else {"first": "second"}.get(trial.correct, "first"))
+    give(Mock(), plain, right=lambda trial: trial.level > 1.2)
     levels = Counter(trial.level for trial, _ in plain.answered)
     assert {level: n for level, _, n in subject.levels} == pytest.approx(levels)
-    right = made.order("01", "up")
-    while (trial := right.next()) is not None:
-        right.answer(trial.correct)
-    phases = [trial.phase for trial, _ in right.answered]
+    phases = [trial.phase for trial in give(Mock(), made.order("01", "up"), right=lambda trial: True)]
     assert [phases[i : i + 11].count("catch") for i in range(0, 44, 11)] == [1, 1, 1, 1]
     refused(
         (

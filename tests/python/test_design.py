@@ -187,11 +187,11 @@ class TestSimulation:
         force = np.repeat([0.3, 0.6, 1.2, 2.4], 6)
         v = Law().velocity(force, BONE.c_e, BONE.alpha, 3.0, 0.35 / 3, 0.85 / 3)
         scatter = np.exp(0.01 * np.random.default_rng(1).standard_normal(24))
-        before = fit(VelocityCurve(force, v * scatter, radius=3.0), estimate=("surface",))
+        before = fit(VelocityCurve(force, v * scatter, radius=3.0), uncertain={"surface": 0.2})
         assert before.effects[0].values[0] == pytest.approx(-0.15, abs=0.03)
         deep, shallow = design(before, [], [], 3, static=[0.02, 0.4], seed=1).rows
         assert (shallow.depth, shallow.area_ratio) == (0.02, pytest.approx(1.0))
-        assert deep.area_ratio < 0.8
+        assert deep.area_ratio < 0.9
 
     @pytest.mark.slow
     def test_it_comes_true_with_an_offset(self):

@@ -198,7 +198,7 @@ _OFFSETS = OptionGroup("what is not quite known (docs/fit.md)", (
         "a label of a group: surface=0.05,force=0.02:day", type=_sizes, metavar="NAME=SIZE[:GROUP],...",
     ),
     option(
-        "--estimate", "offsets that the data shall tell: force, surface, radius, and order (a drift from run to run)",
+        "--estimate", "offsets that the data shall tell: force, radius, and order (a drift from run to run)",
         type=lambda text: text.split(","), default=[], metavar="NAME,...",
     ),
     option(

@@ -132,9 +132,9 @@ def fit(
         has an offset of its own; each day, with ``{"force": (0.02, "day")}``.
     estimate : sequence of str, optional
         Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
-        ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). Each has a
-        normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our choice): wider than data that
-        tell them leave open.
+        ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). Each has a normal prior,
+        of standard deviation half the median force, R/10 or 1 in ln v (our choice): wider than data that tell them
+        leave open.
     share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
         What several data sets have in common. Without alpha, such as of two drills in one bone, each has an alpha of
         its own; without c_e, a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'

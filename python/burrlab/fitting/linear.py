@@ -155,8 +155,12 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
             f"uncertain of {name} must be a standard deviation above 0 [{OFFSETS[name]}], or such a one and the name of "
             f"a group: got {shown(size)}",
         )
-    names = [*OFFSETS, "order"]
+    names = ["force", "radius", "order"]
     for name in estimate:
+        refuse(
+            name == "surface",
+            "data cannot tell a surface: say how far it may be off, uncertain={'surface': 0.1}",
+        )
         refuse(name not in names, f"estimate may hold {', '.join(names)}: got {name!r}{nearest(name, names)}")
         refuse(
             name in (uncertain or {}) or list(estimate).count(name) > 1,

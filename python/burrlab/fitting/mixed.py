@@ -35,7 +35,7 @@ from burrlab.fitting.linear import (
     reml,
 )
 from burrlab.fitting.observations import C_E_RANGE, Box, Floats, Group, Observations, Rows, bounds_of
-from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
+from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, minima, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
@@ -85,6 +85,13 @@ def at_best_variances(
         point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
     near: MixedEquations | None = None
     for k in range(_ROUNDS):
+        if k == _WHOLE and any(
+            x.quantity in OFFSETS for x in components
+        ):  # steps go to and fro on a ridge: from the walk's best
+            mixed = MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2)
+            point = next((x.point for x in minima(mixed, Domain.of(mixed))), point)
+            mixed = mixed.about(point)
+            moved, shifts = mixed.plain, mixed.shifts
         equations = reml(LinearModel(moved, components, point, shifts), near)
         near = equations if k else None
         part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro

@@ -117,8 +117,8 @@ class CurvedSlices(AlphaSlices, ABC):
                 near, far = np.where(height <= target, g, near), np.where(height > target, g, far)
                 with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                     step = g - (height - target) / slope
-                    last, within = g, side * (step - near) * (far - step) >= 0
-                g = np.where(within & (side * (step - near) >= 0), step, (near + far) / 2)
+                    last, within = g, (step - near) * (far - step) >= 0
+                g = np.where(within, step, (near + far) / 2)
                 if np.abs(g - last).max(initial=0.0) < _CLOSE:
                     break
             end[points] = np.exp(np.clip(g, -_LARGEST, _LARGEST))

@@ -294,6 +294,13 @@ class TestOffsets:
             curve = off(seed, label=False)[0]
             assert burrlab.fit(curve, uncertain={"surface": 0.2}).residual_norm < 0.1
 
+    def test_a_tare_that_hides_the_kink_is_no_lack_of_fit(self):
+        """Without the tare the fit lies at the far end of its ridge, where steps to the best one go to and fro."""
+        for seed in (10, 36):
+            curve, moves = off(seed, force=0.05, within=0.01, label=False)
+            fit = burrlab.fit(curve, estimate=("force",), plausible=None)
+            assert (fit.status, *fit.effects[0].values) == ("ok", pytest.approx(moves[0], abs=0.01))
+
     def test_days_without_scatter(self):
         v = burrlab.penetration_velocity(BURR, BONE, np.tile(FORCES, 2)) * np.repeat([1.0, 1.1], 8)
         fit = burrlab.fit(

@@ -85,13 +85,6 @@ def at_best_variances(
         point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
     near: MixedEquations | None = None
     for k in range(_ROUNDS):
-        if k == _WHOLE and any(
-            x.quantity in OFFSETS for x in components
-        ):  # steps go to and fro on a ridge: from the walk's best
-            mixed = MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2)
-            point = next((x.point for x in minima(mixed, Domain.of(mixed))), point)
-            mixed = mixed.about(point)
-            moved, shifts = mixed.plain, mixed.shifts
         equations = reml(LinearModel(moved, components, point, shifts), near)
         near = equations if k else None
         part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
@@ -118,6 +111,12 @@ def at_best_variances(
             point = float(np.clip(point[0], *c_e)), point[1]
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
+        if k == _WHOLE and any(x.quantity in OFFSETS for x in components):
+            # steps go to and fro, as on a ridge: they begin anew at the best point of a walk
+            mixed = MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2)
+            point = next((x.point for x in minima(mixed, Domain.of(mixed))), point)
+            mixed = mixed.about(point)
+            moved, shifts = mixed.plain, mixed.shifts
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
 
 

@@ -73,7 +73,7 @@ _RESULTS = {
 _STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
 _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
-_STEPS = 3e-4  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
+_STEPS = 1e-3  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
 _ANY: Bounds = {"c_e": (1e-9, 1e9), "alpha": (1e-12, 1e12)}  # [N/mm^2], [1/ms]
 _EXACT = 1e-3  # relative standard deviation of a value that is known without one; the model's own error is twice that
 
@@ -481,13 +481,12 @@ def _searched(
     origin, begun_at = begin or ("walk along c_e", end)
     walk = Start(origin, begun_at, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
     ends = [walk]
-    several = isinstance(likelihood, MixedLikelihood) and likelihood.uneven
-    for point in (end, *(minimum.point for minimum in ([] if several else lowest_points[1:]))):
+    for point in (end, *(minimum.point for minimum in ([] if likelihood.uneven else lowest_points[1:]))):
         if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
     missed = lowest_points[0].minus2 - lowest
-    return tuple(ends), 0.0 if several and missed < _STEPS else missed
+    return tuple(ends), 0.0 if likelihood.uneven and missed < _STEPS else missed
 
 
 def minimise(

@@ -175,6 +175,7 @@ class Likelihood:
     """
 
     n_points = 240  #: of c_e, in the first walk
+    uneven: bool = False  #: whether it has shallow minima that mean nothing
     #: ln alpha of each velocity row over that of the first data set, where data sets have one each
     own_alpha: Floats | float = 0.0
 

@@ -35,7 +35,7 @@ from burrlab.fitting.linear import (
     reml,
 )
 from burrlab.fitting.observations import C_E_RANGE, Box, Floats, Group, Observations, Rows, bounds_of
-from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, minima, ranges
+from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
@@ -50,7 +50,7 @@ _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of 
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _STEPS, _NEAR = 3, 1e-5  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
-_PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
+_PLACES = 400  # of c_e, among which the best is sought, also of curves with free days
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
@@ -113,10 +113,24 @@ def at_best_variances(
             break
         if k == _WHOLE and any(x.quantity in OFFSETS for x in components):
             # steps go to and fro, as on a ridge: they begin anew at the best point of a walk
-            mixed = MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2)
-            point = next((x.point for x in minima(mixed, Domain.of(mixed))), point)
-            mixed = mixed.about(point)
-            moved, shifts = mixed.plain, mixed.shifts
+            for _ in range(2):
+                mixed = MixedLikelihood(
+                    moved, components, point, shifts, equations.scatter2, equations.effect2
+                )
+                slices = mixed.at(replace(Domain.of(mixed), points=_PLACES).grid)
+                lowest = int(np.nanargmin(slices.profile))
+                point = float(slices.c_e[lowest]), float(slices.best_alpha[lowest])
+                mixed = mixed.about(point)
+                effects = mixed.effects_given(
+                    slices.c_e[[lowest]], np.log([[point[1]]]), np.arange(len(shifts))
+                )[0]
+                for component, block in zip(components, blocks, strict=True):
+                    if component.quantity in OFFSETS:
+                        shifts[block] = np.clip(effects[0, 0, block], *reach[component.quantity][1:])
+                moved = moved_by(likelihood, components, shifts)
+                equations = near = reml(LinearModel(moved, components, point, shifts), equations)
+            if mixed.n_parts > 1:
+                break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
 
 
@@ -207,7 +221,7 @@ class _Part:
 
     likelihood: Likelihood
     slopes: Mapping[str, Slopes]
-    shifts: Floats  # of effects that count from 0, not from the middle
+    shifts: Floats  # where its rows are linear; 0 along the direction in which the distribution is parted
     variance: Floats  # of each column in the new basis
     turn: Floats  # change of basis of the effects' columns
     minus2: float  # -2 log of its share
@@ -253,7 +267,9 @@ class MixedLikelihood(Likelihood):
             plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts
         )
         self._parts = self._nodes(plain, model) or [self._whole]
-        if len(self._parts) > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
+        # between parts, or where a specimen's own c_e passes a kink
+        self.uneven = len(self._parts) > 1 or bool(self._of_specimen.any())
+        if self.uneven:  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
             eased = float(eased) * (_BELOW if self._of_specimen.any() else 1.0)
@@ -279,7 +295,12 @@ class MixedLikelihood(Likelihood):
             or not isinstance(plain.model, MeanFieldModel)
         ):
             return []
-        o = plain.observations
+        by = np.zeros(len(self.shifts))
+        for block in blocks:
+            by[block] = -self.shifts[block]
+        o = moved_by(
+            plain, self.components, by
+        ).observations  # without the offsets, so that windows come again
         row = int(np.argmax(o.c_e_bounds()))
         q, R, end = o.force_exponent, o.radius[row], o.window[1][row]
         relative = {
@@ -299,13 +320,14 @@ class MixedLikelihood(Likelihood):
         turn, variance = np.eye(len(self.shifts)), self.equations.variance[:-2].copy()
         turn[np.ix_(columns, columns)] = sizes[:, None] * Q
         variance[columns] = [narrow**2, *[1.0] * (len(given) - 1)]
+        # across that direction rows are linear about the best offsets, to half a standard deviation
+        across = Q[:, 1:] @ (np.round(2 * Q[:, 1:].T @ (self.shifts[columns] / sizes)) / 2)
         parts = []
         for node, weight in zip(nodes, weights / weights.sum(), strict=True):
             there, shifts, moved = o, self.shifts.copy(), self.shifts.copy()
-            for k, column, by in zip(given, columns, sizes * Q[:, 0] * node, strict=True):
-                move = by - self.shifts[column]
-                there = there.moved(self.components[k].quantity, move, move)
-                shifts[column], moved[column] = 0.0, by
+            shifts[columns], moved[columns] = sizes * across, sizes * (across + Q[:, 0] * node)
+            for k, by in zip(given, moved[columns], strict=True):
+                there = there.moved(self.components[k].quantity, by, by)
             if min(there.force.min(), there.radius.min()) <= 0:
                 continue
             likelihood = plain.of_rows(there)
@@ -459,11 +481,6 @@ class MixedLikelihood(Likelihood):
     def n_parts(self) -> int:
         """Parts that the distribution of offsets is taken in."""
         return len(self._parts)
-
-    @property
-    def uneven(self) -> bool:
-        """Whether it has shallow minima: between parts, or where a specimen's own c_e passes a kink."""
-        return self.n_parts > 1 or bool(self._of_specimen.any())
 
     def objective(self, c_e: float, alpha: float) -> float:
         """See `Likelihood`: the weighted sum of squares."""

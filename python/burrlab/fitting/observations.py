@@ -23,6 +23,7 @@ Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
+_DIGITS = 12  # of mm, to which moved windows and radii are rounded
 _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
 _MEASURED = ("force", "velocity", "sigma", "window_start", "window_end")  # columns of a curve
 _VELOCITY = (*_MEASURED, "radius", "run", "log_sigma")
@@ -245,7 +246,7 @@ class Observations:
         velocity, pressed : float or ndarray
             True less measured force [N], depth or radius [mm], of velocity rows and of pressed rows; or ln of their
             c_e over that of others, as which less force and more depth count. Windows stay
-            where they were measured, in mm, and end at R at the latest.
+            where they were measured, in mm, and end at R at the latest. There and back they are the same numbers.
         """
         start, end = self.window
         F, stop, R = self.overloaded
@@ -267,12 +268,13 @@ class Observations:
                 measured_force=self.recorded_force,
             )
         if offset == "radius":
-            R = self.radius + velocity
+            R = np.round(self.radius + velocity, _DIGITS)
             return replace(
                 moved, radius=R, window_end=np.minimum(end, R), pressed_radius=self.pressed_radius + pressed
             )
         return replace(
-            moved, window_start=np.maximum(start + velocity, 0.0), window_end=np.minimum(end + velocity, self.radius),
+            moved, window_start=np.maximum(np.round(start + velocity, _DIGITS), 0.0),
+            window_end=np.minimum(np.round(end + velocity, _DIGITS), self.radius),
             pressed_depth=self.pressed_depth + pressed * np.exp(self.pressed_log_c_e / self.force_exponent),
         )  # fmt: skip
 

@@ -170,6 +170,7 @@ ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
 _PARABOLIC = 5e-3 / 24  # in log c_e: over this a smooth profile is a parabola
 _EDGE = 1e-7  # in log c_e: accuracy of a minimum where windows or the range of alpha end
+_LOWEST = 5  # minima of an uneven likelihood that are followed
 _AS_GOOD = 0.003  # of -2 log L per point: higher minima are not followed
 ONE_PLACE = 1.05  # points more than 5 % apart in c_e or alpha are two places; a kink alone makes 1 %
 FLAT = 1e-5  # of -2 log L: points that differ by less are equally good
@@ -396,11 +397,17 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
             lowest, sides = walk.minus2[begin + i], [max(begin, begin + i - 1), min(end, begin + i + 1)]
             # the profile may be lower between the points
             if np.isfinite(lowest) and lowest - 2 * (walk.minus2[sides].max() - lowest) <= limit:
-                places.append(sides)
+                places.append((float(lowest), sides))
     if not places:
         return []
+    places = sorted(places)[:_LOWEST] if likelihood.uneven else places
     lowest_points = _followed(
-        likelihood, domain, c_e[places], kinks, len(c_e), step=_PARABOLIC if few else 0.0
+        likelihood,
+        domain,
+        c_e[[sides for _, sides in places]],
+        kinks,
+        len(c_e),
+        step=_PARABOLIC if few else 0.0,
     )
     edges = np.array([domain.low, *every, domain.high])
     for k, rough in enumerate([] if few else lowest_points):

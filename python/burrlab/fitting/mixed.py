@@ -43,6 +43,7 @@ _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offse
 _SOFTEST = 0.02  # ln c_e of a specimen over what its windows need, at least, where its rows are linear
 _WHOLE = 8  # of them, in whole steps
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
+_WALKS, _BETTER = 4, 1.0  # at most; by how much -2 log of the restricted likelihood must fall there
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _MILLION = np.log(1e6)
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
@@ -64,18 +65,61 @@ def at_best_variances(
 ) -> tuple["MixedLikelihood", tuple[float, float]]:
     """The likelihood at the best variances, and its best point (c_e, alpha) near a point; `c_e` bounds it.
 
+    With offsets the steps can end at a bound of c_e, or go to and fro on a ridge. So a walk looks for a better place.
+    """
+    blocks, mean_field = blocks_of(components), isinstance(likelihood.model, MeanFieldModel)
+    mixed, point = _stepped(likelihood, components, point, c_e, _first_shifts(likelihood, components, point))
+    for _ in range(_WALKS if mean_field and any(x.quantity in OFFSETS for x in components) else 0):
+        slices = mixed.at(replace(Domain.of(mixed), points=_PLACES).grid)
+        lowest = int(np.nanargmin(np.where(slices.best_alpha > 0, slices.profile, np.inf)))
+        place = float(slices.c_e[lowest]), float(slices.best_alpha[lowest])
+        there = mixed.about(place)
+        every, shifts = np.arange(len(there.shifts)), there.shifts.copy()
+        effects = there.effects_given(slices.c_e[[lowest]], np.log([[place[1]]]), every)[0][0, 0]
+        for component, block in zip(components, blocks, strict=True):
+            if component.quantity in OFFSETS:
+                _, low, high = _reach(likelihood.observations, component)
+                shifts[block] = np.clip(effects[block], low, high)
+        moved = moved_by(likelihood, components, shifts)
+        equations = reml(LinearModel(moved, components, place, shifts), mixed.equations)
+        if equations.criterion() > mixed.equations.criterion() - _BETTER:
+            break
+        mixed, point = (
+            MixedLikelihood(moved, components, place, shifts, equations.scatter2, equations.effect2),
+            place,
+        )
+        if mixed.n_parts == 1:  # linear about the best offset alone
+            nearer, end = _stepped(likelihood, components, place, c_e, shifts)
+            if nearer.equations.criterion() <= equations.criterion():
+                mixed, point = nearer, end
+    return mixed, point
+
+
+def _reach(o: Observations, component: Component) -> tuple[float, float, float]:
+    """Step and ends of an offset, so that windows stay between 0 and R."""
+    forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
+    room, step = 0.5 * np.min(o.radius - o.window[0]), STEP * float(o.radius.max())
+    reach = {
+        "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
+        "surface": (step, -0.5 * depths.min(), room),
+        "radius": (step, -room, np.inf),
+        "c_e": (EDGE, -np.inf, np.inf),
+    }
+    return reach[component.quantity]
+
+
+def _stepped(
+    likelihood: Likelihood,
+    components: Sequence[Component],
+    point: tuple[float, float],
+    c_e: tuple[float, float],
+    shifts: Floats,
+) -> tuple["MixedLikelihood", tuple[float, float]]:
+    """See `at_best_variances`: by Gauss-Newton steps from a point and `shifts`.
+
     The rows are linear about the best offsets; those of surface and radius are rounded, so that windows come again.
     """
     blocks, o = blocks_of(components), likelihood.observations
-    forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
-    room = 0.5 * np.min(o.radius - o.window[0])
-    reach = {  # step and ends of each offset, so that windows stay between 0 and R
-        "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
-        "surface": (STEP * o.radius.max(), -0.5 * depths.min(), room),
-        "radius": (STEP * o.radius.max(), -room, np.inf),
-        "c_e": (EDGE, -np.inf, np.inf),
-    }
-    shifts = _first_shifts(likelihood, components, point)
     moved = moved_by(likelihood, components, shifts)
     if moved is not likelihood:
         eased = float(moved.observations.c_e_bounds().max() / o.c_e_bounds().max())
@@ -93,7 +137,7 @@ def at_best_variances(
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                (unit, *ends), u = reach[component.quantity], shifts[block]
+                (unit, *ends), u = _reach(o, component), shifts[block]
                 u = u + part * (-equations.solution[block] - u)
                 beside[block] = np.where(
                     np.abs(u - shifts[block]) > 0.75 * unit,
@@ -112,25 +156,7 @@ def at_best_variances(
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
         if k == _WHOLE and any(x.quantity in OFFSETS for x in components):
-            # steps go to and fro, as on a ridge: they begin anew at the best point of a walk
-            for _ in range(2):
-                mixed = MixedLikelihood(
-                    moved, components, point, shifts, equations.scatter2, equations.effect2
-                )
-                slices = mixed.at(replace(Domain.of(mixed), points=_PLACES).grid)
-                lowest = int(np.nanargmin(slices.profile))
-                point = float(slices.c_e[lowest]), float(slices.best_alpha[lowest])
-                mixed = mixed.about(point)
-                effects = mixed.effects_given(
-                    slices.c_e[[lowest]], np.log([[point[1]]]), np.arange(len(shifts))
-                )[0]
-                for component, block in zip(components, blocks, strict=True):
-                    if component.quantity in OFFSETS:
-                        shifts[block] = np.clip(effects[0, 0, block], *reach[component.quantity][1:])
-                moved = moved_by(likelihood, components, shifts)
-                equations = near = reml(LinearModel(moved, components, point, shifts), equations)
-            if mixed.n_parts > 1:
-                break
+            break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
 
 
@@ -267,9 +293,9 @@ class MixedLikelihood(Likelihood):
             plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts
         )
         self._parts = self._nodes(plain, model) or [self._whole]
-        # between parts, or where a specimen's own c_e passes a kink
-        self.uneven = len(self._parts) > 1 or bool(self._of_specimen.any())
-        if self.uneven:  # c_e has the widest bounds of all parts
+        # where an offset's slopes or a specimen's own c_e pass a kink
+        self.uneven = bool(model.slopes) or bool(self._of_specimen.any())
+        if self.n_parts > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
             eased = float(eased) * (_BELOW if self._of_specimen.any() else 1.0)

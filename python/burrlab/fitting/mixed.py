@@ -34,7 +34,16 @@ from burrlab.fitting.linear import (
     moved_by,
     reml,
 )
-from burrlab.fitting.observations import C_E_RANGE, Box, Floats, Group, Observations, Rows, bounds_of
+from burrlab.fitting.observations import (
+    ALPHA_BOUNDS,
+    C_E_RANGE,
+    Box,
+    Floats,
+    Group,
+    Observations,
+    Rows,
+    bounds_of,
+)
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 
@@ -51,7 +60,7 @@ _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of 
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _STEPS, _NEAR = 3, 1e-5  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
-_PLACES = 400  # of c_e, among which the best is sought, also of curves with free days
+_PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
@@ -70,9 +79,15 @@ def at_best_variances(
     blocks, mean_field = blocks_of(components), isinstance(likelihood.model, MeanFieldModel)
     mixed, point = _stepped(likelihood, components, point, c_e, _first_shifts(likelihood, components, point))
     for _ in range(_WALKS if mean_field and any(x.quantity in OFFSETS for x in components) else 0):
-        slices = mixed.at(replace(Domain.of(mixed), points=_PLACES).grid)
-        lowest = int(np.nanargmin(np.where(slices.best_alpha > 0, slices.profile, np.inf)))
-        place = float(slices.c_e[lowest]), float(slices.best_alpha[lowest])
+        slices = mixed.at(Domain.of(mixed).grid)
+        with np.errstate(over="ignore"):
+            alpha = slices.best_alpha
+        within = (alpha >= ALPHA_BOUNDS[0]) & (alpha <= ALPHA_BOUNDS[1])
+        heights = np.where(within & np.isfinite(slices.profile), slices.profile, np.inf)
+        lowest = int(heights.argmin())
+        place = float(slices.c_e[lowest]), float(alpha[lowest])
+        if heights[lowest] == np.inf:
+            break
         there = mixed.about(place)
         every, shifts = np.arange(len(there.shifts)), there.shifts.copy()
         effects = there.effects_given(slices.c_e[[lowest]], np.log([[place[1]]]), every)[0][0, 0]

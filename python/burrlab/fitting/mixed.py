@@ -152,11 +152,11 @@ def _stepped(
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                (unit, *ends), u = _reach(o, component), shifts[block]
+                (unit, low, high), u = _reach(o, component), shifts[block]
                 u = u + part * (-equations.solution[block] - u)
                 beside[block] = np.where(
                     np.abs(u - shifts[block]) > 0.75 * unit,
-                    np.clip(unit * np.round(u / unit), *ends),
+                    np.clip(unit * np.round(u / unit), low, high),
                     shifts[block],
                 )
         lowest = _least_shifts(moved.observations, components, shifts) - np.log(point[0]) + _SOFTEST

@@ -191,6 +191,7 @@ def test_comments_blank_lines_bom_and_crlf() -> None:
     text = (head + "# between\n1 , 0.5\n\n2,1.5\n").replace("\n", "\r\n")
     curve = VelocityCurve.from_csv(io.BytesIO(text.encode()))
     assert (curve.source, curve.velocity.tolist()) == ("my rig", [0.5, 1.5])
+    assert VelocityCurve([1], [0.5], source="my rig,").source == "my rig"  # a spreadsheet adds such commas
     comments = "# force_N: 1.5\n# radius_mm: 3\n# window_mm: 0.6 0.9\n# provenance: donor 12\n"
     trace = read(DepthTrace, comments + TRACE + ROWS)
     assert (trace.force, trace.radius, trace.start_mm, trace.end_mm) == (1.5, 3.0, 0.6, 0.9)

@@ -530,7 +530,7 @@ class TableData(Tabular):
             object.__setattr__(self, name, checked)
             if checked is not None and (problem := positive(checked, self._NUMBERS[name])):
                 raise ValueError(f"{name} {problem}")
-        object.__setattr__(self, "source", " ".join(str(source or "").split()))
+        object.__setattr__(self, "source", " ".join(str(source or "").split()).rstrip(", "))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
         first, *others = self._columns().items()
         for name, values in others:

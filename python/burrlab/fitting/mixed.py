@@ -339,9 +339,8 @@ class MixedLikelihood(Likelihood):
         by = np.zeros(len(self.shifts))
         for block in blocks:
             by[block] = -self.shifts[block]
-        o = moved_by(
-            plain, self.components, by
-        ).observations  # without the offsets, so that windows come again
+        # without the offsets, so that windows come again
+        o = moved_by(plain, self.components, by).observations
         row = int(np.argmax(o.c_e_bounds()))
         q, R, end = o.force_exponent, o.radius[row], o.window[1][row]
         relative = {

@@ -33,10 +33,6 @@ $(VENV)/developed: $(VENV)/installed
 	$(PIP) --no-build-isolation -e ".[cluster,haply,medical,pandas,psychometric,viz3d]" --group dev
 	touch $@
 
-$(VENV)/benched: $(VENV)/installed
-	$(PIP) --no-build-isolation -e ".[bench]"
-	touch $@
-
 $(VENV)/documented: $(VENV)/installed
 	$(PIP) --no-build-isolation -e ".[docs]"
 	touch $@
@@ -86,7 +82,7 @@ golden: $(VENV)/developed
 	$(BIN)/python tests/golden/cases.py $(CASE)
 
 # BENCH=--quick only tries whether it runs; BENCH=--waits measures where a researcher waits
-bench: $(VENV)/benched
+bench: $(VENV)/installed
 	$(CONFIGURE) -DBURRLAB_BENCH=ON
 	$(BIN)/cmake --build build --target burrlab_bench
 	$(BIN)/python tests/bench/bench.py --library build/burrlab_bench.so --out bench $(BENCH)

@@ -1,4 +1,4 @@
-"""Cost of a tick: the core, a plain C++ loop and Numba, on one thread, with the same random bits.
+"""Cost of a tick: the core and a plain C++ loop, on one thread, with the same random bits.
 
     python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick | --waits]
 
@@ -18,7 +18,6 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # for `reference`
 
-import numba
 import numpy as np
 import report
 import tissues
@@ -50,13 +49,13 @@ def machine(native: Native) -> dict[str, Any]:
         "compiler": native.library.bench_compiler().decode(),
         "flags": native.library.bench_flags().decode(),
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "versions": {"burrlab": burrlab.__version__, "numpy": np.__version__, "numba": numba.__version__},
+        "versions": {"burrlab": burrlab.__version__, "numpy": np.__version__},
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
 
 
 def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
-    """All measurements; `reference` is the CPU path that baselines are compared with."""
+    """All measurements; `reference` is the CPU path that the others are compared with."""
     weighed = ("slide 25", "buried 25") if quick else ("slide 50", "buried 50")
     scenes = {}
     with on_one_core():

@@ -23,7 +23,6 @@ extern "C" {
 const char* bench_error() { return last_error.c_str(); }
 const char* bench_compiler() { return BENCH_COMPILER; }
 const char* bench_flags() { return BENCH_FLAGS; }
-std::int64_t bench_interruptions() { return interruptions(); }
 
 const char* bench_cpu_paths() {
   static std::string names;

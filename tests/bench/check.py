@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numba_tick
 import numpy as np
 from native import Burring, Core, Levels, Native, Numbers
 from numpy.typing import NDArray
@@ -66,10 +65,6 @@ def check_all(native: Native) -> int:
             case = Case(scheme, alpha, resolution, seed=done)
             sums, moments, levels = expected(case, table)
             found: dict[str, tuple[Any, ...]] = {}
-            if scheme == "layer":
-                q = case.q.copy()
-                ticks = (case.burring.arguments(FIRST_TICK + i, table, c) for i, c in enumerate(case.centers))
-                found["Numba"] = np.array([numba_tick.step(q, case.p, *one) for one in ticks]), sums, q
             q = case.q.copy()
             found["plain"] = native.plain_run(q, case.p, case.burring, FIRST_TICK, case.centers)[1], sums, q
             for path in native.cpu_paths:

@@ -1,39 +1,29 @@
-"""Times of scenes: the core on every CPU path over all ticks, the baselines at samples of the run."""
+"""Times of scenes: the core on every CPU path over all ticks, the plain loop at samples of the run."""
 
 import os
 from typing import Any
 
-import numba_tick
 import numpy as np
 from native import Burring, Core, Levels, Native
 from scenes import Scene, volume
-from times import Numbers, Times, in_turns, quartiles, stopwatch
+from times import Numbers, Times, in_turns, quartiles
 
 from reference import tick as reference
 
 WARM_UP = 0.1  # first part of a run, not counted
-BASELINES = ("plain", "numba")
 
 
 def core_ticks(core: Core, scene: Scene, centers: Numbers) -> Times:
     return core.run_fresh(centers) if scene.fresh else core.run(centers, batch=scene.batch)
 
 
-def baseline_ticks(
-    native: Native, scene: Scene, name: str, q: Levels, p: Levels, first: int, centers: Numbers
-) -> Times:
-    """Times of the plain loop or Numba; erodes `q`."""
+def plain_ticks(native: Native, scene: Scene, q: Levels, p: Levels, first: int, centers: Numbers) -> Times:
+    """Times of the plain loop; erodes `q`."""
     times = []
     for tick, center in enumerate(centers, first):
         if scene.fresh:
             q[...] = p
-        if name == "plain":
-            times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
-        else:
-            times.append(stopwatch(
-                native.library.bench_interruptions, numba_tick.step, q, p,
-                *scene.burring.arguments(tick, native.depth_table, center),
-            ))  # fmt: skip
+        times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
     return Times.join(times)
 
 
@@ -45,9 +35,8 @@ def compare(native: Native, scene: Scene, main: Core, p: Levels, tick: int) -> d
     for path in native.cpu_paths:
         core = main.clone(path)
         times[path], levels[path] = core_ticks(core, scene, many), core.density()
-    for name in BASELINES:
-        levels[name] = main.density()
-        times[name] = baseline_ticks(native, scene, name, levels[name], p, tick, centers)
+    levels["plain"] = main.density()
+    times["plain"] = plain_ticks(native, scene, levels["plain"], p, tick, centers)
     for name in levels:
         if not np.array_equal(levels[name], levels[native.cpu_paths[0]]):
             raise RuntimeError(f"{scene.name}: {name} left other levels than the core")
@@ -84,14 +73,14 @@ def measure(native: Native, scene: Scene, reference: str, *, weighed: bool) -> d
 
 
 def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], reference: str) -> dict[str, Any]:
-    """Medians of the run, of baselines over the samples; tick-by-tick ratios with quartiles."""
+    """Medians of the run, of the plain loop over the samples; tick-by-tick ratios with quartiles."""
     rows = {
         name: {
             "median_us": 1e6 * runs.get(name, bursts[name]).median,
             "plain_over_this": quartiles(bursts["plain"].over(bursts[name])),
             f"this_over_{reference}": quartiles(bursts[name].over(bursts[reference])),
         }
-        for name in (*runs, *BASELINES)
+        for name in (*runs, "plain")
     }
     burring = scene.burring
     return {

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from ctypes import c_char_p, c_double, c_int, c_int64, c_uint64, c_void_p
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +46,6 @@ class Burring:
     seed: int = 1
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def arguments(self, tick: int, table: NDArray[np.float32], center: Numbers) -> tuple[Any, ...]:
-        """Arguments of the Numba tick after the levels."""
-        return (
-            self.spacing, self.origin, self.radius, self.alpha * self.dt, self.seed, 0, tick, table, tuple(center.tolist()),
-        )  # fmt: skip
-
 
 def address(array: NDArray[np.generic] | None) -> int | None:
     """Address of a C-contiguous array."""
@@ -75,7 +68,6 @@ class Native:
             ("bench_flags", c_char_p, []),
             ("bench_depth_table", None, [c_void_p]),
             ("bench_bandwidth", c_double, [c_int64, c_int, c_int]),
-            ("bench_interruptions", c_int64, []),
             ("core_new", c_void_p, [c_void_p, c_void_p, c_void_p, c_double, c_void_p, c_double, c_double, c_double,
                                     c_int, c_uint64, c_char_p, c_uint64]),
             ("core_clone", c_void_p, [c_void_p, c_char_p]),

@@ -12,7 +12,6 @@ from burrlab.common.figures import REFERENCE, new_figure, tidy
 
 #: Colour, marker and label of each implementation (Okabe and Ito's palette).
 STYLES = {
-    "numba": ("#E69F00", "D", "Numba"),
     "plain": ("#555555", "o", "C++, plain loop"),
     "scalar": ("#CC79A7", "P", "burrlab, scalar"),
     "portable": ("#56B4E9", "s", "burrlab, SSE2"),

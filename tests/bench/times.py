@@ -65,12 +65,6 @@ def timed(work: Callable[..., object], *arguments: Any, **options: Any) -> float
     return time.perf_counter() - start
 
 
-def stopwatch(interruptions: Callable[[], int], work: Callable[..., object], *arguments: object) -> Times:
-    """The time of one call."""
-    before, seconds = interruptions(), timed(work, *arguments)
-    return Times(np.array([seconds]), np.array([interruptions() != before]))
-
-
 @contextmanager
 def on_one_core() -> Iterator[None]:
     """Keeps this process on one core, if the system can."""

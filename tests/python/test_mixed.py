@@ -665,23 +665,31 @@ def pair_of_sets(seed, n, *, ratio=1.0, varies=0.0, force=0.0):
 class TestPairs:
     """Sets on the same days, or with the same load cell: what they share cancels."""
 
-    def test_of_specimens_where_one_set_leaves_c_e_open(self):
-        """Either order has one p: no variance below 0 takes up what c_e of the specimens does to one set alone."""
-        random, fits = np.random.default_rng(18), []
+    @pytest.mark.parametrize(
+        ("seed", "n", "closed"), [(18, 4, False), (6004, 6, True)], ids=["left open", "closed by chance"]
+    )
+    def test_of_specimens_where_one_set_has_small_forces(self, seed, n, closed):
+        """Either order has one p: no variance below 0 takes up what c_e of the specimens does to one set alone.
+
+        -2 log L of small forces may have a second minimum, at less than half the true c_e: there the rows are linear in
+        other ways than where both sets are one.
+        """
+        random, fits = np.random.default_rng(seed), []
         c_e, alpha = (
-            BONE.c_e * np.exp(0.1 * random.normal(size=4)),
-            BONE.alpha * np.exp(0.1 * random.normal(size=4)),
+            BONE.c_e * np.exp(0.1 * random.normal(size=n)),
+            BONE.alpha * np.exp(0.1 * random.normal(size=n)),
         )
-        for forces in (np.geomspace(0.3, 2.2, 6), np.geomspace(0.3, 0.7, 7)):
+        for forces in (np.geomspace(0.3, 2.2, 8), np.geomspace(0.3, 0.7, 8)):
             bones = [burrlab.Material("bone", c_e=x, alpha=y) for x, y in zip(c_e, alpha, strict=True)]
             v = np.concatenate([burrlab.penetration_velocity(BURR, bone, forces) for bone in bones])
             v = v * np.exp(0.05 * random.normal(size=len(v)))
-            specimen = np.repeat(np.arange(4), len(forces))
-            fits.append(burrlab.fit(VelocityCurve(np.tile(forces, 4), v, radius=3.0, specimen=specimen)))
+            specimen = np.repeat(np.arange(n), len(forces))
+            fits.append(burrlab.fit(VelocityCurve(np.tile(forces, n), v, radius=3.0, specimen=specimen)))
         p, q = (burrlab.compare(*pair).pairs[0].joint for pair in (fits, fits[::-1]))
-        assert [x.intervals["c_e"]["95"].closed for x in fits] == [True, False]
+        assert [x.intervals["c_e"]["95"].closed for x in fits] == [True, closed]
         assert (p.p_value, p.freedom[1]) == pytest.approx((q.p_value, q.freedom[1]), rel=1e-3)
-        assert p.freedom[1] < 6
+        assert p.p_value > ERROR
+        assert p.freedom[1] < 2 * n
 
     def test_of_a_set_with_itself(self):
         fit = burrlab.fit(pair_of_sets(3, 4)[0], uncertain={"force": 0.02})

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 from scipy import special
 
 from burrlab.common.table import probability_text
@@ -28,6 +29,7 @@ from burrlab.fitting.record import FitRecord
 ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
 _ROUNDS = 30  # of linearising, at most
 _POINTS = 200  # of c_e, among which the best that two sets have in common is sought
+_NEAR = 0.3  # of its logarithm, within which the best is refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,7 @@ class Paired:
     one_c_e: bool  # whether c_e is common to both, as where a set leaves it open
     change: Floats  # of log c_e and log alpha
     calibration: MixedCalibration
+    rise: float  # of the rows' squares where c_e and alpha are common to both
     most_freedom: float = np.inf  # of alpha: 1 of two pairs, which tell their variance too badly for any rule
 
     @classmethod
@@ -83,13 +86,11 @@ class Paired:
         """Whether both sets have one c_e and alpha."""
         if self.one_c_e:
             along = self.along(ALPHA)
-            rise, freedom = (along.value / along.error) ** 2, (1.0, along.nu)
+            F, freedom = (along.value / along.error) ** 2, (1.0, along.nu)
         else:
-            rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
-            rise /= self.calibration.bias
+            F = self.rise / self.calibration.bias / 2
             freedom = (2.0, min(self.calibration.freedom_of_sum, self.most_freedom))
-        p = float(special.fdtrc(*freedom, rise / freedom[0]))
-        F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)
+        p, text = float(special.fdtrc(*freedom, F)), ", ".join(f"{number:.3g}" for number in freedom)
         units = f", paired by {self.group}" if self.group else ""
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
         return HypothesisTest("one material", F, freedom, p, (
@@ -228,32 +229,48 @@ def _fitted_jointly(
     shared: Sequence[str],
     one_c_e: bool,
     alike: bool,
-) -> tuple[Floats, MixedCalibration]:
-    """Differences of log c_e and log alpha, second less first, of likelihoods that share effects; and their limits."""
+) -> tuple[Floats, MixedCalibration, float]:
+    """Of likelihoods that share effects: differences of log c_e and log alpha, second less first; their limits; and the
+    rise of the rows' squares where both are 0.
+    """  # fmt: skip
     logs = np.log(np.array(points))
-    hard = [float(x.observations.c_e_bounds().max()) for x in likelihoods]
-    if one_c_e:  # the best of both together, where each row of both has a window
-        hard += [
-            float(x.plain.observations.c_e_bounds().max())
-            for x in likelihoods
-            if isinstance(x, MixedLikelihood)
-        ]
-        c_e = np.geomspace(max(hard), C_E_RANGE * max(hard), _POINTS)[1:]
-        logs[:, 0] = np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))])
+    hard = np.array([x.observations.c_e_bounds().max() for x in likelihoods])
+    # where each row of both has a window
+    plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
+    least = max(*hard, *(x.observations.c_e_bounds().max() for x in plain))
+    c_e = np.geomspace(least, C_E_RANGE * least, _POINTS)[1:]
+    common = float(np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))]))
+
+    def model_at(logs: Floats) -> JointModel:
+        both = [(float(c), float(a)) for c, a in np.exp(logs)]
+        return JointModel(likelihoods, both, shared, one_c_e, alike)
+
+    if one_c_e:  # linear in log alpha: the first step is the last
+        logs[:, 0] = common
+        equations = reml(model_at(logs))
+        logs[:, 1] -= equations.solution[-2:]
+        return logs[1] - logs[0], difference_of(equations), np.nan
     for _ in range(_ROUNDS):
-        model = JointModel(
-            likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, one_c_e, alike
-        )
-        equations = reml(model)
-        if one_c_e:  # linear in log alpha: the first step is the last
-            logs[:, 1] -= equations.solution[-2:]
-            break
+        equations = reml(model_at(logs))
         step = np.clip(-equations.solution[-4:].reshape(2, 2), -0.5, 0.5)
         logs = logs + step
         logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
         if np.abs(step).max() < 1e-6:
             break
-    return logs[1] - logs[0], difference_of(equations)
+
+    def squares(log_c_e: float) -> float:
+        """Of the rows, at one c_e and the best alpha of both."""
+        at_c_e = np.column_stack([np.full(2, log_c_e), logs[:, 1]])
+        there = MixedEquations(model_at(at_c_e), equations.scatter2, equations.effect2)
+        held = np.array(
+            [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 1]]
+        )  # of the step: both of c_e, one of alpha
+        off = held @ (there.solution[-4:] - [0, logs[0, 1], 0, logs[1, 1]])
+        return there.squares + float(off @ np.linalg.solve(held @ there.M[-4:, -4:] @ held.T, off))
+
+    low = max(common - _NEAR, float(np.log(hard.max())) + EDGE)
+    best = scipy.optimize.minimize_scalar(squares, bounds=(low, common + _NEAR), method="bounded")
+    return logs[1] - logs[0], difference_of(equations), max(float(best.fun) - equations.squares, 0.0)
 
 
 def difference_of(equations: MixedEquations) -> MixedCalibration:

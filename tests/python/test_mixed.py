@@ -81,8 +81,8 @@ def off(seed, *, force=0.0, surface=0.0, radius=0.0, drift=0.0, between=0.0, wit
 
 class TestVariances:
     @pytest.mark.parametrize(
-        ("curve", "n"), [(laboratory(1, 4), 1), (laboratory(2, 3, design="blocks"), 1), (laboratory(3, 6, of_c_e=0.1, group="specimen"), 2)],
-        ids=["days", "blocks", "specimens"],
+        ("curve", "n"), [(laboratory(1, 4), 1), (laboratory(2, 3, design="blocks"), 1), (laboratory(3, 6, of_c_e=0.1, group="specimen"), 2), (laboratory(0, 6, of_c_e=0.1, group="specimen"), 2)],
+        ids=["days", "blocks", "specimens", "more information than expected"],
     )  # fmt: skip
     @pytest.mark.filterwarnings("ignore:The MLE may be on the boundary")  # of a parameter that it has besides
     def test_of_the_linear_model_are_those_of_statsmodels(self, curve, n):

@@ -22,7 +22,6 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab.common.check import nearest, real, refuse, shown
@@ -40,7 +39,7 @@ EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
 _SCORINGS = 30  # of variances, at most
-_CLOSE, _SHORT = 0.05, 1e-8  # relative steps that are taken in any case, and that end the scoring
+_CLOSE, _SHORT = 0.05, 1e-8  # relative steps that are judged by the slope, and that end the scoring
 _LEAST = 1e-3  # mean square of pairs over that of rows
 _APART = 1e-6  # information on what the rows tell worst over that on what they tell best, at least
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
@@ -400,16 +399,38 @@ class MixedEquations:
         """Columns of the effects whose size is estimated."""
         return [self.model.blocks[k] for k in self.model.estimated]
 
+    def residual2(self, k: int) -> float:
+        """Squares of the residuals of one scatter, with the effects."""
+        G, b = self.model.products[k], np.append(-self.solution, 1.0)
+        return float(b @ G @ b)
+
     def score(self) -> Floats:
         """Derivative of the criterion by each estimated variance: the scatters', then the effects'."""
-        b, q = self.solution, self.c - self.C @ self.solution
-        slopes = []
+        q, slopes = self.c - self.C @ self.solution, []
         for k in self.free:
-            G, s2 = self.model.products[k], self.scatter2[k]
-            residual = G[-1, -1] - 2 * G[:-1, -1] @ b + b @ G[:-1, :-1] @ b
-            slopes.append(self.model.n[k] / s2 - np.sum(self.M * self.by_scatter[k]) - residual / s2**2)
+            n, s2 = self.model.n[k], self.scatter2[k]
+            slopes.append(n / s2 - np.sum(self.M * self.by_scatter[k]) - self.residual2(k) / s2**2)
         slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks]
         return np.array(slopes)
+
+    def squared_moves(self) -> Floats:
+        """r' P V_i P V_j P r of the estimated variances, V_i the derivative of the rows' covariance by each.
+
+        Its mean is twice the information, as of the variances' likelihood; less this it is what the rows show of it.
+        """
+        b, q = self.solution, self.c - self.C @ self.solution
+        n_free, size = len(self.free), len(self.free) + len(self.estimated_blocks)
+        places, products, inner = np.zeros((size, len(b))), np.zeros((size, len(b))), np.zeros((size, size))
+        for i, k in enumerate(self.free):
+            G, s2 = self.model.products[k], self.scatter2[k]
+            products[i] = (G[:-1, -1] - G[:-1, :-1] @ b) / s2**2
+            inner[i, i] = self.residual2(k) / s2**3
+        for i, block in enumerate(self.estimated_blocks, start=n_free):
+            places[i, block] = q[block]
+            products[i] = self.C @ places[i]
+        inner[n_free:] = places[n_free:] @ products.T
+        inner[:n_free, n_free:] = inner[n_free:, :n_free].T
+        return np.asarray(inner - products @ self.M @ products.T)
 
     def uncertainty(self) -> MixedCalibration:
         """The covariance of the step, and how it varies with the variances, by Kenward and Roger."""
@@ -476,66 +497,60 @@ def reml(model: RowProducts, near: MixedEquations | None = None) -> MixedEquatio
         )
         whole[k] = max(G[-1, -1] / model.n[k], MODEL_ERROR**2)
         within[k] = max(rest / freedom, MODEL_ERROR**2) if freedom > 0 else whole[k] / 4
-    unit = within[0]  # of the effects' variances, which lie between 0 and many times it
-
-    def equations(x: Floats) -> MixedEquations:
-        scatter2, effect2 = np.ones(len(whole)), model.effect2.copy()
-        scatter2[free], effect2[model.estimated] = np.exp(x[: len(free)]), unit * x[len(free) :]
-        return MixedEquations(model, scatter2, effect2)
-
-    def height(x: Floats) -> tuple[float, Floats]:
-        at = equations(x)
-        return at.criterion(), at.score() * np.append(at.scatter2[free], np.full(n_effects, unit))
-
     if not len(free) + n_effects:
-        return equations(np.empty(0))
-    bounds = [(2 * np.log(MODEL_ERROR), np.log(whole[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
-    between = max(whole.max() - within.max(), 0.1 * unit)
-    begins = [(whole, 0.5 * unit), (within, between)]
-    ends = [
-        scipy.optimize.minimize(
-            height, np.append(np.log(scatter2[free]), np.full(n_effects, between / unit)), jac=True, bounds=bounds,
-            method="L-BFGS-B", options={"ftol": 1e-9},
-        )
-        for scatter2, between in (begins if n_effects else begins[1:])
-    ]  # fmt: skip
-    best = _scored(equations(min(ends, key=lambda end: float(end.fun)).x))
+        return MixedEquations(model, within, model.effect2)
+    between = max(whole.max() - within.max(), 0.1 * within[0])
+    ends = []
+    for scatter2, variance in [(whole, 0.5 * within[0]), (within, between)][0 if n_effects else 1 :]:
+        effect2 = model.effect2.copy()
+        effect2[model.estimated] = variance
+        ends.append(_scored(MixedEquations(model, scatter2, effect2)))
+    best = min(ends, key=lambda end: end.criterion())
     below = [x.varies and not best.effect2[k] for k, x in enumerate(model.components)]
     return _scored(best, np.array(below)) if any(below) else best
 
 
 def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -> MixedEquations:
-    """The equations at the best variances near others, by scoring; some that are estimated as 0 may be `below` it.
+    """The equations at the best variances near others; some that are estimated as 0 may be `below` it.
+
+    By Fisher's scoring, and by Newton's steps when close: the information on few groups is not what their rows show.
 
     The rows' covariance V stays positive definite. Were the variance of the pairs' differences kept at 0, the test of
     their mean would have the rows' degrees of freedom, and find too much; so, in balanced rows, it is the paired t test.
     """
     free, estimated = equations.free, equations.model.estimated
     at_least = np.zeros(len(equations.effect2)) if below is None else np.where(below, -np.inf, 0.0)
+    close = False
     for _ in range(_SCORINGS):
         score, at_0 = equations.score(), equations.effect2[estimated] <= at_least[estimated]
         moves = np.append(np.ones(len(free), np.bool_), ~(at_0 & (score[len(free) :] >= 0)))
         last, sizes = equations, np.append(equations.scatter2[free], equations.effect2[estimated])
-        step, information = (
-            np.zeros(len(score)),
-            np.linalg.pinv(equations.uncertainty().of_variances, rcond=1e-12),
-        )
+        step = np.zeros(len(score))
+        information = np.linalg.pinv(equations.uncertainty().of_variances, rcond=1e-12)
+        if close:
+            observed = equations.squared_moves() - information
+            if (np.linalg.eigvalsh(observed[np.ix_(moves, moves)]) > 0).all():
+                information = observed
         # what the rows cannot tell apart, as c_e and alpha of specimens on a ridge, moves together
         unit = 1 / np.sqrt(np.maximum(np.diag(information)[moves], 1e-300))
         scaled = unit[:, None] * information[np.ix_(moves, moves)] * unit
         step[moves] = (
             -unit * (np.linalg.pinv(scaled, rcond=_APART, hermitian=True) @ (unit * score[moves])) / 2
         )
-        close = bool(
-            (np.abs(step) < _CLOSE * sizes).all()
-        )  # on a ridge rounding shakes the criterion by 1e-2
+        # on a ridge rounding shakes the criterion by 1e-2: there the slope along the step tells whether it is too long
+        close = bool((np.abs(step) < _CLOSE * sizes).all())
         for part in 0.5 ** np.arange(20):
             scatter2, effect2 = last.scatter2.copy(), last.effect2.copy()
             scatter2[free] = np.maximum(scatter2[free] + part * step[: len(free)], MODEL_ERROR**2)
             effect2[estimated] += part * step[len(free) :]
             effect2 = np.maximum(effect2, at_least)
             trial = MixedEquations(last.model, scatter2, effect2)
-            if (below is None or trial.definite) and (close or trial.criterion() < last.criterion()):
+            nearer = (
+                abs(step @ trial.score()) < abs(step @ score)
+                if close
+                else trial.criterion() < last.criterion()
+            )
+            if nearer and (below is None or trial.definite):
                 equations = trial
                 break
         if equations is last or np.abs(step[moves]).max() < _SHORT * sizes[moves].max():

@@ -321,7 +321,7 @@ class TestResult:
         lines = repr(result).splitlines()
         assert lines[0] == (
             "Design: 13 candidates of 3 repeats; area of the joint 95 % region, now open, counted up to "
-            "c_e = 34.64 N/mm^2, expected over 100 truths"
+            "c_e = 34.64 N/mm^2, expected over 100 truths up to there"
         )
         assert lines[-1] == "and 5 more"
         assert result._repr_html_().count("<tr>") == 14

@@ -104,7 +104,7 @@ class Design:
         cut = f", now open, counted up to c_e = {self.c_e_end:.4g} N/mm^2" if self.open_above else ""
         return (
             f"Design: {many} candidate{'s' if many > 1 else ''} of {_repeats(self.best.n)}; area of "
-            f"the joint 95 % region{cut}, expected over {self.truths} truths"
+            f"the joint 95 % region{cut}, expected over {self.truths} truths{' up to there' if self.open_above else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -263,9 +263,11 @@ def design(
     -----
     Truths are drawn within the 99.7 % region with weight exp(-rise/2), flat in log c_e and log alpha; the
     rise is that of -2 log L with its scatter profiled out. An open region, and the truths, end at the upper
-    bound of c_e in the fit's search, 100 times the lower one; ``fit(bounds={"c_e": ...})`` sets another. At
-    each truth the candidate has its expected outcome: a velocity by the scaling law (whatever the engine of
-    the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
+    bound of c_e in the fit's search, 100 times the lower one; ``fit(bounds={"c_e": ...})`` sets another. Most
+    truths are then stiffer than a bone whose c_e is near the lower one: of it, large forces tell far more than
+    the mean over all truths says. At each truth the candidate has its expected outcome: a velocity by the
+    scaling law (whatever the engine of the fit), a static force by Eq. 3, or ``overloaded`` where static
+    contact passes R/3. Then
 
     .. math::
 

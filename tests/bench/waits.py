@@ -112,7 +112,7 @@ edges.Update()""",
     ),
     Wait("first text of an experiment", _EXPERIMENT, "Python's own", "print(1, flush=True)"),
     Wait(
-        "voxel fit, six forces at 0.1 mm", _FIT.format(1) + "burrlab.fit(curve, burr, engine=burrlab.VoxelEngine(), seed=0)",
+        "voxel fit, six forces at 0.1 mm", _FIT.format(1) + "burrlab.fit(curve, burr, engine=burrlab.VoxelEngine(seed=0))",
         "descents of four replicates", _FIT.format(4),
     ),
     Wait(

@@ -98,8 +98,8 @@ descend --material gold --force 1 --radius 3 --voxel 0.3
 descend --material bone --force -1 --radius 3 --voxel 0.3
 sweep --material bone --forces 0.8,1.2,1.6 --radius 3 --voxel 0.3 --repeats 2 --seed 4 --out sweep.csv --store sweep.jsonl
 sweep --material bone --forces 0.8 --radius 3 --voxel 0.3 --seed 4 --out nowhere/sweep.csv
-fit curve.csv --radius 3 --seed 1 --json fit.json
-fit curve.csv --seed 1
+fit curve.csv --radius 3 --json fit.json
+fit curve.csv
 fit missing.csv --radius 3
 fit text.txt --radius 3
 session --device hand --voxel 0.5 --seed 3 --duration 0
@@ -217,11 +217,11 @@ def fits(_: Path) -> Any:
     presses = burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)
     sinking = [burrlab.synthetic_trace(BURR, BONE, force, seed=5) for force in (0.8, 1.2, 1.6)]
     made = {
-        "curve": burrlab.fit(data, BURR, seed=1), "close forces": burrlab.fit(flat, BURR, seed=1),
-        "with indentation": burrlab.fit([data, presses], BURR, seed=1),
-        **{f"residual {kind}": burrlab.fit(data, BURR, residuals=kind, seed=1) for kind in ("relative", "absolute")},
-        "quartic": burrlab.fit(data, BURR, law="quartic", seed=1),
-        "traces": burrlab.fit(sinking, BURR, seed=1),
+        "curve": burrlab.fit(data, BURR), "close forces": burrlab.fit(flat, BURR),
+        "with indentation": burrlab.fit([data, presses], BURR),
+        **{f"residual {kind}": burrlab.fit(data, BURR, residuals=kind) for kind in ("relative", "absolute")},
+        "quartic": burrlab.fit(data, BURR, law="quartic"),
+        "traces": burrlab.fit(sinking, BURR),
     }  # fmt: skip
     kept = (
         "c_e",
@@ -245,7 +245,7 @@ def objects() -> dict[str, Any]:
     """One of each result that prints or plots itself."""
     trace = burrlab.load_trace(FILES / "trace.h5")
     data = curve()
-    fit = burrlab.fit(data, BURR, seed=1)
+    fit = burrlab.fit(data, BURR)
     return {
         "curve": data, "fit": fit, "descent": burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1),
         "indentation": burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1),

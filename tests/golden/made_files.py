@@ -78,7 +78,7 @@ def make_files(folder: Path) -> None:
     _others(folder, grey, labels)
     data = curve()
     data.to_csv(folder / "curve.csv")
-    burrlab.fit(data, BURR, seed=1).to_json(folder / "fit.json")
+    burrlab.fit(data, BURR).to_json(folder / "fit.json")
     burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1).save(folder / "descent.npz")
     burrlab.force_sweep(BURR, BONE, [0.8, 1.2], repeats=2, voxel=0.3, seed=4, store=folder / "store.jsonl")
     if folder != FILES:

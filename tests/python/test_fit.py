@@ -108,8 +108,8 @@ class TestHonesty:
         assert result.status == "implausible"
         assert "below which the run at 2.5 N would have had no window" in result.reason
 
-    def test_searches_are_kept_and_are_the_same_whatever_the_seed(self):
-        result = fit(NOISY, BURR, seed=None)
+    def test_searches_are_kept(self):
+        result = fit(NOISY, BURR)
         assert [start.origin for start in result.starts] == ["walk along c_e", "BOBYQA 1"]
         assert sum(start.evaluations for start in result.starts) == result.evaluations
         assert result.starts[1].result in {"SUCCESS", "XTOL_REACHED", "ROUNDOFF_LIMITED"}
@@ -118,8 +118,7 @@ class TestHonesty:
         for point in (point for start in result.starts for point in (start.start, start.end)):
             assert np.greater_equal(point, np.multiply(low, 1 - 1e-12)).all()
             assert np.less_equal(point, np.multiply(high, 1 + 1e-12)).all()
-        assert plain(fit(NOISY, BURR, seed=result.seed)) == plain(result)
-        assert fit(NOISY, BURR, seed=result.seed + 1).starts == result.starts
+        assert plain(fit(NOISY, BURR)) == plain(result)
 
     def test_data_that_the_model_does_not_describe(self):
         result = fit(VelocityCurve([0.5, 1.0, 1.5, 2.0], [4.0, 2.0, 1.0, 0.5]), BURR)
@@ -138,8 +137,6 @@ class TestHonesty:
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
             ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),
             ({"law": "cubic"}, "cubic"),
-            ({"seed": 1.5}, "seed must be a whole number from 0 and below 2\\^64, got 1.5"),
-            ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
         ]),
         (lambda: fit(replace(CURVE, sigma=[NAN] + [0.1] * 7), residuals="sigma"), ValueError,
          "residuals 'sigma' need a sigma in every row"),
@@ -162,7 +159,7 @@ class TestHonesty:
             lambda: fitted("wide", residuals="student", engine="voxel"),
             lambda: fitted("wide", "pressed", residuals="student"),
         )),
-        (lambda: fit(CURVE, engine=VoxelEngine(store="s.jsonl")), ValueError, "seed must be given with a store"),
+        (lambda: VoxelEngine(store="s.jsonl"), ValueError, "seed must be given with a store"),
         (lambda: VoxelEngine(replicates=2.5), TypeError, "replicates must be a whole number, got 2.5"),
         (lambda: VoxelEngine(replicates=1), ValueError, "replicates must be at least 2"),
         (lambda: VoxelEngine(specimen=3), TypeError, "specimen must be a Specimen or a BoneField, got 3"),

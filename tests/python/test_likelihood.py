@@ -303,7 +303,7 @@ class TestRunsThatWereTooSlow:
              "needs the smallest velocity that could be measured"),
             (lambda: fit(curve, residuals="absolute"), "residuals must be 'relative' with runs that were too slow"),
             (lambda: fit(curve, uncertain={"force": 0.1}), "go without groups, offsets and known values"),
-            (lambda: fit(curve, engine="voxel", seed=1), "need the mean-field engine"),
+            (lambda: fit(curve, engine="voxel"), "need the mean-field engine"),
         )  # fmt: skip
 
     def test_they_count(self):

@@ -245,8 +245,8 @@ class TestOffsets:
         )
         for known in {"c_e": (4.0, 0.1)}, {"alpha": (0.5, 0.01)}:  # where small forces tell no c_e
             assert burrlab.fit(clear, known=known).status == "poor-fit"
-        voxels = burrlab.VoxelEngine(voxel=0.4, replicates=2)
-        voxel = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, engine=voxels, seed=1)
+        voxels = burrlab.VoxelEngine(voxel=0.4, replicates=2, seed=1)
+        voxel = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, engine=voxels)
         assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in voxel.verdict
         assert voxel.to_dataframe()["quantity"][3] == "c_e as given"
 

@@ -23,7 +23,7 @@ SPARSE = {"voxel": 0.4, "replicates": 2}
 
 
 def voxel_fit(curve, **options):
-    return fit(curve, engine=VoxelEngine(**SPARSE | options), seed=0)
+    return fit(curve, engine=VoxelEngine(**SPARSE | options, seed=0))
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,12 @@ def test_knows_days_and_an_uncertain_force():
     velocity = CURVE.velocity * np.where(np.tile([0, 1], 3), 1.3, 1.0)
     curve = replace(CURVE, velocity=velocity, groups={"day": np.tile(days[[0, 3]], 3)})
     options = {"uncertain": {"force": 0.005}, "known": {"c_e": (PVC.c_e, 0.1)}}
-    found, expected = fit(curve, engine=VoxelEngine(**SPARSE), seed=0, **options), fit(curve, **options)
+    found, expected = fit(curve, engine=VoxelEngine(**SPARSE, seed=0), **options), fit(curve, **options)
     assert [(x.group, x.quantity) for x in found.effects] == [("day", "alpha"), ("data set", "force")]
     assert found.effects[0].values == pytest.approx(expected.effects[0].values, abs=0.05)
     assert found.effects[1].errors == pytest.approx(expected.effects[1].errors, rel=0.3)
     assert "Between the 2 days alpha differs by" in found.verdict
-    sunk = {"engine": VoxelEngine(**SPARSE), "seed": 0, "uncertain": {"surface": 0.01}}
+    sunk = {"engine": VoxelEngine(**SPARSE, seed=0), "uncertain": {"surface": 0.01}}
     refused(
         (lambda: fit(curve, **sunk), "the voxel engine takes offsets of force alone: got surface"),
         (lambda: found.influence_by("day"), "the voxel engine's table serves the rows of its own data alone"),

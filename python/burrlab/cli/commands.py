@@ -316,7 +316,7 @@ COMMANDS = {
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
         option("--residuals", **_RESIDUALS),
         option("--voxel", "voxel engine: spacing [mm], default 0.1", type=positive),
-        option("--seed", "default: drawn and recorded", type=seed),
+        option("--seed", "voxel engine: default drawn and recorded", type=seed),
         option("--alpha-lines", "also draw alpha +- D [1/ms], as the paper does", type=positive, metavar="D"),
         flag("--log", "logarithmic axes in the figure"),
         flag("--verbose", "also print the table of searches, with nlopt's return codes"),

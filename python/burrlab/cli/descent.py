@@ -120,15 +120,16 @@ def do_fit(options: Options) -> None:
     engine: Literal["mean-field"] | burrlab.VoxelEngine = "mean-field"
     if options.engine == "voxel":
         store = None if options.store is None else burrlab.Store(options.store)
-        engine = burrlab.VoxelEngine(voxel=options.voxel or 0.1, store=store, progress=on_terminal())
+        engine = burrlab.VoxelEngine(
+            voxel=options.voxel or 0.1, store=store, progress=on_terminal(), seed=options.seed
+        )
     else:
-        refuse_options(options, ("voxel", "store"), "goes with --engine voxel")
+        refuse_options(options, ("voxel", "store", "seed"), "goes with --engine voxel")
     result = burrlab.fit(
         _data(options),
         law=chosen_law(options),
         engine=engine,
         residuals=options.residuals,
-        seed=options.seed,
         share=options.share,
         **_effects(options),
     )

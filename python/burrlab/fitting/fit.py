@@ -91,7 +91,6 @@ def fit(
     estimate: Sequence[str] = (),
     share: Sequence[str] = ("c_e", "alpha"),
     known: Mapping[str, float | tuple[float, float]] | None = None,
-    seed: int | None = None,
     bounds: Bounds | None = None,
     plausible: Bounds | None = PLAUSIBLE,
 ) -> Fit:
@@ -142,8 +141,6 @@ def fit(
     known : dict, optional
         ``{"c_e": (value, standard deviation)}`` from elsewhere [N/mm^2], or of ``"alpha"`` [1/ms]; a value alone is
         taken to 0.1 %.
-    seed : int, optional
-        Seed of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default the search takes c_e from
         its hard bound to 100 times that, and alpha from 1e-5 to 10 or as far as the data reach; the intervals
@@ -231,10 +228,8 @@ def fit(
     components = components_of(observations, uncertain, (*estimate, *apart))
     mixed = bool(components or beliefs)
     kind = _likelihood_kind(observations, residuals, mixed)
-    _check_voxels(
-        voxels, seed, observations.slow.size, {"surface", "radius"} & {*(uncertain or {}), *estimate}
-    )
-    seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
+    _check_voxels(voxels, observations.slow.size, {"surface", "radius"} & {*(uncertain or {}), *estimate})
+    seed = 0 if voxels is None else seed_or_new(voxels.seed)  # the mean field draws nothing
     likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
     # walk
@@ -413,12 +408,8 @@ def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed:
     return "log-sigma" if mixed and residuals == "sigma" else residuals
 
 
-def _check_voxels(voxels: VoxelEngine | None, seed: int | None, n_slow: int, lengths: set[str]) -> None:
+def _check_voxels(voxels: VoxelEngine | None, n_slow: int, lengths: set[str]) -> None:
     if voxels is not None:
-        refuse(
-            seed is None and voxels.store is not None,
-            "seed must be given with a store, which finds results by it, got None",
-        )
         refuse(n_slow, "runs that were too slow need the mean-field engine")
         refuse(lengths, f"the voxel engine takes offsets of force alone: got {min(lengths, default='')}")
 

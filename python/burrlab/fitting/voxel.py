@@ -52,13 +52,15 @@ class VoxelEngine:
         Keeps every descent, so that an interrupted fit resumes.
     progress : callable or True, optional
         Called with the fraction done; True shows a bar.
+    seed : int, optional
+        Of the erosion; without it each fit draws one, which its result records.
 
     Raises
     ------
     TypeError
         If `replicates` or `specimen` has another type.
     ValueError
-        If `replicates` is below 2.
+        If `replicates` is below 2, or a store has no seed.
 
     Examples
     --------
@@ -76,8 +78,13 @@ class VoxelEngine:
     executor: Executor | None = field(default=None, compare=False)
     store: StorePath | None = field(default=None, compare=False)
     progress: Progress | None = field(default=None, compare=False)
+    seed: int | None = field(default=None, compare=False)  # an item of a store has its own
 
     def __post_init__(self) -> None:
+        refuse(
+            self.seed is None and self.store is not None,
+            "seed must be given with a store, which finds results by it, got None",
+        )
         refuse(
             not isinstance(self.replicates, (int, np.integer)),
             f"replicates must be a whole number, got {self.replicates!r}",
@@ -92,8 +99,8 @@ class VoxelEngine:
 
     @property
     def settings(self) -> VoxelEngine:
-        """The options without executor, store and progress."""
-        return replace(self, executor=None, store=None, progress=None)
+        """The options without executor, store, progress and seed."""
+        return replace(self, executor=None, store=None, progress=None, seed=None)
 
     def _described(self) -> dict[str, Any]:
         """The options as the provenance keeps them."""

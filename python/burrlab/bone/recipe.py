@@ -584,8 +584,6 @@ class LabelledRecipe(_CachedRecipe):
 
     @cached_property
     def _made(self) -> LabelledBone:
-        if (bone := self._kept_bone()) is not None:
-            return LabelledBone(bone, self.grid().notes)
         labels, volume, voxel = self._labels, None, self.voxel
         if self.grey is not None:
             volume, voxel = self.grey.volume(), self.grey.voxel

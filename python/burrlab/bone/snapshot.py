@@ -135,7 +135,7 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     """
     if (flat := read_flat(path)) is not None:
         return flat[:2]
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         return read_bone(file)
 
 
@@ -167,18 +167,16 @@ def bone_source(path: str | os.PathLike[str]) -> str:
     """Source of a bone's volume, as given to `save_bone`; errors as `load_bone`."""
     if (flat := read_flat(path)) is not None:
         return flat[2]
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         return str(attributes(file).get("source", ""))
 
 
 @contextlib.contextmanager
-def told_as_damage(path: str | os.PathLike[str], closing: "h5py.File | None" = None) -> Iterator[None]:
-    """Turns every error from a damaged file's content into a ValueError that names the file, and closes `closing`."""
+def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turns every error from a damaged file's content into a ValueError that names the file."""
     try:
         yield
     except (OSError, RuntimeError, zlib.error, *UNREADABLE) as error:
-        if closing is not None:
-            closing.close()
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
             raise
         raise ValueError(f"{path} is damaged: {in_one_line(error)}") from None
@@ -190,14 +188,16 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
         return
     try:
         if (flat := read_flat(path)) is None:
-            open_hdf5(path, FORMAT, FORMAT_VERSION).close()
+            with open_hdf5(path, FORMAT, FORMAT_VERSION):
+                pass
         refuse(flat is not None and flat[3], "a session is not replaced")
     except (ValueError, OSError):
         raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
 
 
-def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> "h5py.File":
-    """The open file; ValueError, which says that it is not of this kind or damaged, unless it is HDF5."""
+@contextlib.contextmanager
+def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> "Iterator[h5py.File]":
+    """The open file, whose errors are told as damage; ValueError, which names the kind, unless it is HDF5."""
     import h5py
 
     with Path(path).open("rb") as raw:  # a missing or forbidden file raises the system's error
@@ -211,16 +211,16 @@ def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> "h5py.File":
         if "truncated" in str(error):
             raise ValueError(f"{path} is damaged: it was cut short") from None
         raise ValueError(f"{path} is not {kind}: not an HDF5 file") from None
-    with told_as_damage(path, file):
+    with file, told_as_damage(path):
         name = link_elsewhere(file)
         refuse(name is not None, f"{path} is refused: its {name} is a link, and could lead to another file")
-    return file
+        yield file
 
 
-def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> "h5py.File":
-    """The open file; ValueError unless it is of this kind and of a known version."""
-    file = open_any_hdf5(path, f"a {kind}")
-    with told_as_damage(path, file):
+@contextlib.contextmanager
+def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> "Iterator[h5py.File]":
+    """The open file, as from `open_any_hdf5`; ValueError unless it is of this kind and of a known version."""
+    with open_any_hdf5(path, f"a {kind}") as file:
         header = attributes(file)
         version = int(header.get("format_version", 0))
         refuse(header.get("format") != kind, f"{path} is not a {kind}")
@@ -228,7 +228,7 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> "h5py.Fil
             not 1 <= version <= newest,
             f"{path} is a {kind} of format {version}, and this version reads up to {newest}",
         )
-    return file
+        yield file
 
 
 def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any:

@@ -217,13 +217,6 @@ def default_tissues(
     return Tissues(rows, material)
 
 
-def unlabelled(material: Material) -> Tissue:
-    """Default tissue of label 0: the bone's values, assumed."""
-    return Tissue(
-        UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=_BY_NAME[UNLABELLED].colour
-    )
-
-
 def label_counts(values: NDArray[Any], path: str) -> dict[int, int]:
     """Number of voxels of each label, whole numbers; ValueError, which names the path, if one is negative.
 
@@ -692,7 +685,9 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
         UNLABELLED in (tissue.name for tissue in tissues),
         f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)",
     )
-    return Tissues([*tissues, unlabelled(tissues.material)], tissues.material)
+    bone, colour = tissues.material, _BY_NAME[UNLABELLED].colour
+    background = Tissue(UNLABELLED, label=0, c_e=bone.c_e, alpha=bone.alpha, colour=colour)
+    return Tissues([*tissues, background], bone)
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:

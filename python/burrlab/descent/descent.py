@@ -396,8 +396,9 @@ class _ForceLoop:
     def _control(self, measured: float) -> None:
         assert self.c_e is not None
         if self.scheduled:
-            k = contact_stiffness(self.c_e, self.burr.radius, self.force, self.immersion, self.exponent)
-            kp = LOOP_BANDWIDTH / k
+            kp = LOOP_BANDWIDTH / contact_stiffness(
+                self.c_e, self.burr.radius, self.force, self.immersion, self.exponent
+            )
             # The integral keeps its preset until the force arrives: no wind-up in the impact.
             self.arrived = self.arrived or measured >= ARRIVED * self.force
             self.pid.set_gains(kp, kp / INTEGRAL_TIME if self.arrived else 0.0)

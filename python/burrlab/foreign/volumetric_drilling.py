@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import ScriptedDevice, Tissues, VoxelBone, read_bricks, take_changed_bricks
 from burrlab.bone.slices import is_stack, stack_slices
-from burrlab.bone.snapshot import open_any_hdf5, read_dataset, told_as_damage
+from burrlab.bone.snapshot import open_any_hdf5, read_dataset
 from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import attributes, new_file, new_hdf5
 from burrlab.common.progress import Progress, doing, reporter
@@ -143,8 +143,8 @@ def export_volumetric_drilling(
             if layout == "new":
                 file.create_group("vision_data/intermittent_data")  # empty in the simulator's files too
             about = group("metadata")
-            volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
-            volume.attrs["units"] = "mm^3, millimeters cubed"
+            about["voxel_volume"] = trace.voxel_volume
+            about["voxel_volume"].attrs["units"] = "mm^3, millimeters cubed"
             about.create_dataset("README", data=_README)
             rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
             _put(
@@ -556,7 +556,7 @@ def read_volumetric_drilling(
     refuse(not files, f"path must hold files *.hdf5, got {path}")
     parts = []
     for file in files:
-        with open_any_hdf5(file, _KIND) as opened, told_as_damage(file):
+        with open_any_hdf5(file, _KIND) as opened:
             parts.append(_Part(opened, file, scale))
     layouts = sorted({part.layout for part in parts})
     refuse(len(layouts) > 1, f"path must hold files of one layout, got {', '.join(layouts)}")
@@ -599,7 +599,7 @@ def _structures(colours: Any, tissues: Tissues | None) -> tuple[Any, tuple[str, 
 def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a folder of recordings, or a file with a group of the layouts."""
     try:
-        with open_any_hdf5(path, _KIND) as file, told_as_damage(path):
+        with open_any_hdf5(path, _KIND) as file:
             return _has_groups(file)
     except (OSError, ValueError):  # told by who reads it
         return any(Path(path).glob("*.hdf5"))

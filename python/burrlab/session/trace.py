@@ -479,7 +479,7 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
     """
     if (flat := read_flat(path)) is not None:
         return _read_flat(Path(path), *flat)
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         return _read(file, Path(path))
 
 

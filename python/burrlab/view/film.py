@@ -67,7 +67,7 @@ class TraceView:
         settings = {"outline": True, "note": self._replay.note, **options}
         self._note = str(settings["note"])
         self.scene = Scene(self.player.bone, self._replay.radii, **settings)
-        self.scene.look(approach_view(self.player.bone, self._replay.approach()))
+        self.scene.look(approach_view(self.player.bone, self._replay.approach))
         self.go(self.player.time)
 
     def go(self, seconds: float, *, progress: Progress | None = None) -> int:

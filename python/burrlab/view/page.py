@@ -178,8 +178,7 @@ class Page:
         stereo: bool = False,
     ) -> None:
         self.server, self.source, self.scene = server, source, scene
-        self._approach = source.approach()
-        self._surgeon = approach_view(source.bone, self._approach) if surgeon is None else surgeon
+        self._surgeon = approach_view(source.bone, source.approach) if surgeon is None else surgeon
         scene.look(self._surgeon)
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
@@ -210,7 +209,7 @@ class Page:
         """Sets the camera by name: surgeon, burr (once it is known), or along an axis."""
         source, view = self.source, self._surgeon
         if preset == "burr" and source.first_center is not None:
-            into = None if self._approach is None else self._approach.axis
+            into = None if source.approach is None else source.approach.axis
             radius = float(np.nan_to_num(source.burrs.radii[0], nan=UNKNOWN_RADIUS))
             view = looking_at(source.first_center, into, 8.0 * radius, 40.0)
         elif preset in _AXES:

@@ -129,6 +129,8 @@ class PageSource:
         Time, force and depth, until the moment or longer.
     has_effects : bool
         Whether there is dust, blood and water.
+    approach : Approach or None
+        The approach to the bone, if it is known.
     """
 
     kind = "still"
@@ -143,6 +145,7 @@ class PageSource:
         self.events: list[dict[str, Any]] = []
         self._structures = [str(row["name"]) for row in watch["structures"]] if watch else []
         self.has_effects = False
+        self.approach: Approach | None = None
         self._watch: Watch | None = None  # it is made in the background
         self._settings = watch
         self._background: list[threading.Thread] = []
@@ -162,10 +165,6 @@ class PageSource:
         """Centre of the first burr [mm]; None until it is known."""
         centers = self.burrs.centers
         return centers[0] if len(centers) and bool(np.isfinite(centers[0]).all()) else None
-
-    def approach(self) -> Approach | None:
-        """The approach to the bone; None if it is not known."""
-        return None
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         """Goes to a moment [s], or to the newest one of a session; returns numbers of the changed bricks."""
@@ -280,7 +279,7 @@ class ReplaySource(PageSource):
             self._background.append(
                 threading.Thread(target=self._prepare, args=(player,), name="burrlab page", daemon=True)
             )
-        self.has_effects = effects is not None
+        self.has_effects, self.approach = effects is not None, trace_approach(player)
         self._cancel = threading.Event()
         self._take_over()
 
@@ -292,9 +291,6 @@ class ReplaySource(PageSource):
     @property
     def parcels(self) -> NDArray[np.void] | None:
         return None if self.past is None else self.past.at(self.time)
-
-    def approach(self) -> Approach | None:
-        return trace_approach(self.player)
 
     def go(self, seconds: float, *, progress: Progress | None = None) -> NDArray[np.uint32]:
         bricks = self.player.seek(seconds, progress=progress)

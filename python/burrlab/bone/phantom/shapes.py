@@ -86,21 +86,6 @@ class Tube:
         circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * u + np.sin(angle) * v)
         return cls(circle, np.full(len(circle), thickness))
 
-    def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
-        """Lowers a field to the signed distance from the tube where this distance is below `reach` [mm]."""
-        for (a, b), (start, end) in zip(pairwise(self.points), pairwise(self.radius.tolist()), strict=True):
-            pad = max(start, end) + reach
-            box = np.transpose([np.minimum(a, b) - pad, np.maximum(a, b) + pad])
-            i, j, k = (
-                slice(*np.searchsorted(places, sides))
-                for places, sides in zip((grid.x, grid.y, grid.z), box, strict=True)
-            )
-            near = Grid(grid.x[i], grid.y[j], grid.z[k])
-            if 0 not in near.shape:
-                distance = tapered(near, (a, b), (start, end))
-                part = field[k, j, i]
-                np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
-
 
 def frame_along(direction: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """The direction with length 1, and two directions of length 1 across it and each other."""
@@ -125,7 +110,17 @@ def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
     """Signed distance from tubes [mm]; FAR where it is above `reach`."""
     out = np.full(grid.shape, FAR)
     for tube in tubes:
-        tube.merge_into(out, grid, reach)
+        for (a, b), radii in zip(pairwise(tube.points), pairwise(tube.radius.tolist()), strict=True):
+            pad = max(radii) + reach
+            box = np.transpose([np.minimum(a, b) - pad, np.maximum(a, b) + pad])
+            i, j, k = (
+                slice(*np.searchsorted(places, sides))
+                for places, sides in zip((grid.x, grid.y, grid.z), box, strict=True)
+            )
+            near = Grid(grid.x[i], grid.y[j], grid.z[k])
+            if 0 not in near.shape:
+                distance, part = tapered(near, (a, b), radii), out[k, j, i]
+                np.minimum(part, distance, out=part, where=distance < reach)
     return out
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from drilled_scenes import stack
 from test_segments import FIELDS, seg_nrrd
 
 from burrlab import LabelVolume, OccupancyMap, Volume, VoxelBone, write_volume
@@ -48,9 +48,8 @@ def coloured(folder: Path) -> Path:
         1: (*VOLUMETRIC_DRILLING["Bone"], 255),
         4: (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255),
     }
-    folder.mkdir()
-    for k, plane in enumerate(np.array([colour.get(i, (0, 0, 0, 0)) for i in range(5)], np.uint8)[labels()]):
-        Image.fromarray(plane.swapaxes(0, 1)).save(folder / f"plane00{k:03d}.png")
+    planes = np.array([colour.get(i, (0, 0, 0, 0)) for i in range(5)], np.uint8)[labels()]
+    stack(folder, planes.swapaxes(1, 2), name="plane00{:03d}.png")
     text = "VOLUME v:\n  dimensions: {x: 0.009, y: 0.008, z: 0.007}\n  images: {path: slices, prefix: plane00, format: png}\n"
     (folder.parent / "v.yaml").write_text(text)
     return folder.parent / "v.yaml"

@@ -83,3 +83,13 @@ def make_scene():
 
 def make_page(source):
     return Page(Server(), source, make_scene())
+
+
+def turn(page, now=0.0, *, shown=True, wanted=None):
+    """Does one turn of the page at a time of the clock; returns the number of the picture."""
+    if wanted is not None:
+        page.state.tell("wanted_s", wanted)
+    page._turn(now)
+    if shown:
+        page.shown()
+    return page.state.picture_number

@@ -284,8 +284,10 @@ def test_bad_input(change, message):
     settings = {
         name: arguments.pop(name) for name in ("dt", "stop", "max_duration", "scheme") if name in arguments
     }
-    with pytest.raises(ValueError, match=message):
-        burrlab.descend(BURR, material, force, settings=burrlab.DescentSettings(**settings), **arguments)
+    refused(
+        (lambda: burrlab.descend(BURR, material, force, settings=burrlab.DescentSettings(**settings), **arguments),
+         message),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -80,8 +80,10 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None
     assert (again.parcels == companion.parcels).all()
     assert again.balance() == companion.balance()
     first, last = tick + 3, tick + player.ticks + 1
-    with pytest.raises(ValueError, match=f"frames must be from {tick} to {last - 1}, got {first} to {last}"):
-        effects_of(player, again, frames=[(0.05, first, (99, 1, 1)), (0.05, last, (99, 1, 1))])
+    refused(
+        (lambda: effects_of(player, again, frames=[(0.05, first, (99, 1, 1)), (0.05, last, (99, 1, 1))]),
+         f"frames must be from {tick} to {last - 1}, got {first} to {last}"),
+    )  # fmt: skip
 
 
 def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:

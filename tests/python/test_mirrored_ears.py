@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drilled_scenes import stack
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from PIL import Image
 
 from burrlab import LabelVolume, Volume, VoxelBone, load_bone, load_trace, write_volume
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, write_tissues
@@ -51,13 +51,10 @@ def written(kind: str, folder: Path) -> list[str]:
     ear, path = right_ear(), folder / f"ear.{kind}"
     write_tissues(folder / "t.csv", default_tissues(NAMES))
     if kind in ("yaml", "slices"):
-        (folder / "slices").mkdir()
         colours = np.zeros((17, 4), np.uint8)
         for label, name in NAMES.items():
             colours[label] = (*VOLUMETRIC_DRILLING[name], 255)
-        data = colours[ear.labels].swapaxes(0, 2)  # x, y, z, as in the simulator's converter
-        for i in range(data.shape[2]):
-            Image.fromarray(data[:, :, i]).save(folder / "slices" / f"plane00{i}.png")
+        stack(folder / "slices", colours[ear.labels].swapaxes(1, 2))  # as in the simulator's converter
         path.write_text(
             "VOLUME v:\n  dimensions: {x: 0.022, y: 0.018, z: 0.016}\n  images: {path: slices, prefix: "
             "plane00, format: png}\n"

@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from session_scenes import refused
 
 import burrlab
 from burrlab.bone.image import same_geometry
@@ -60,8 +61,10 @@ def test_nifti_without_orientation_is_noted_and_without_spacing_asked_for(tmp_pa
     np.testing.assert_array_equal(volume.spacing, (0.5, 0.5, 2))
     written(path, pixdim=[1, 0.5, 0.5, 0, 1, 1, 1, 1], **NO_CODES)
     np.testing.assert_array_equal(burrlab.read_volume(path, spacing=(0.5, 0.5, 3)).spacing, (0.5, 0.5, 3))
-    with pytest.raises(ValueError, match=r"spacing must be that of the file, \(0\.5, 0\.5, nan\) mm"):
-        burrlab.read_volume(path, spacing=(0.4, 0.5, 3))
+    refused(
+        (lambda: burrlab.read_volume(path, spacing=(0.4, 0.5, 3)),
+         r"spacing must be that of the file, \(0\.5, 0\.5, nan\) mm"),
+    )  # fmt: skip
 
 
 SHEARED = np.eye(4)
@@ -97,8 +100,10 @@ BEHIND = "values must begin behind the NIfTI header of 348 bytes, got vox_offset
     ],
 )  # fmt: skip
 def test_wrong_nifti(tmp_path, patches, options, message):
-    with pytest.raises(ValueError, match=rf"v\.nii: .*{message}"):
-        burrlab.read_volume(written(tmp_path / "v.nii", *patches, **options))
+    refused(
+        (lambda: burrlab.read_volume(written(tmp_path / "v.nii", *patches, **options)),
+         rf"v\.nii: .*{message}"),
+    )  # fmt: skip
 
 
 def test_a_rounded_matrix_is_made_orthonormal(tmp_path):

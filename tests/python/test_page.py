@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, tool
-from page_scenes import make_page, nerve_session, watched_trace  # noqa: F401
+from page_scenes import make_page, nerve_session, turn, watched_trace  # noqa: F401
 from PIL import Image
 from session_scenes import FakeReader, ended, new_writer
 
@@ -23,16 +23,6 @@ from burrlab.view.surface import brick_numbers
 @pytest.fixture
 def page(trace):
     return make_page(page_source(trace))
-
-
-def turn(page, now, *, shown=True, wanted=None):
-    """Does one turn of the page at a time of the clock; returns the number of the picture."""
-    if wanted is not None:
-        page.state.tell("wanted_s", wanted)
-    page._turn(now)
-    if shown:
-        page.shown()
-    return page.state.picture_number
 
 
 def rows(page):

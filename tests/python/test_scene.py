@@ -105,17 +105,6 @@ def test_ctrl_c_while_a_picture_is_drawn_is_raised_after_it(scene):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_neighbouring_blocks_show_no_seam():
-    """A flat top across four blocks is one colour."""
-    bone = burrlab.VoxelBone.block((9.6, 9.6, 3), 0.1, origin=(0, 0, 0))
-    assert len(surface_blocks(bone)) == 9
-    with open_scene(bone, []) as scene:
-        scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
-        scene.scale.bar.SetVisibility(False)
-        middle = scene.picture()[40:190, 60:260].astype(int)
-    assert max(np.abs(np.diff(middle, axis=axis)).max() for axis in (0, 1)) <= 2
-
-
 def test_particles_slices_and_curves_are_seen(scene):
     plain = scene.picture()
     scene.set_parcels(parcels(50))

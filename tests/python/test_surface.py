@@ -66,15 +66,10 @@ def joined(mesh):
     return unique, number.reshape(-1)[mesh.triangles]
 
 
-def directed_edges(triangles):
-    """Three directed edges of each triangle, (3 t, 2)."""
-    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-
-
 def assert_manifold(vertices, faces):
     """Every edge is used once each way, and the triangles about a vertex are one fan."""
     assert len(np.unique(vertices, axis=0)) == len(vertices) == len(np.unique(faces))
-    start, end = directed_edges(faces).astype(np.int64).T
+    start, end = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64).T
     forth, back = start << 32 | end, end << 32 | start
     order = np.argsort(forth)
     np.testing.assert_array_equal(forth[order], np.unique(back))
@@ -134,14 +129,6 @@ def test_neighbours_share_vertices_and_normals_to_the_bit(make):
     different, uses = np.unique(points, axis=0, return_counts=True)
     assert (uses > 1).sum() > 500
     assert len(np.unique(np.hstack([points, normals]), axis=0)) == len(different)
-
-
-def test_borders_are_covered_by_both_sides():
-    """Every edge that one block uses once is used once by a neighbour, so there is no gap."""
-    _, triangles = joined(Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1)).merged())
-    edges = directed_edges(triangles).astype(np.int64)
-    forth, back = (np.sort(edges @ way) for way in ([1, 1 << 32], [1 << 32, 1]))
-    np.testing.assert_array_equal(forth, back)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -269,8 +256,8 @@ def test_levels_move_the_surface():
 
 @pytest.mark.parametrize("level", [30, 100, 128, 220])
 def test_cells_of_every_kind_make_a_manifold(level):
-    """Also at the borders of blocks and of the volume."""
-    bone = burrlab.VoxelBone(noise(level, (20, 12, 40)), (0.1, 0.2, 0.3))
+    """Also at the borders of blocks, on all axes, and of the volume."""
+    bone = burrlab.VoxelBone(noise(level, (36, 35, 40)), (0.1, 0.2, 0.3))
     assert_manifold(*closed_surface(bone, left=True, level=level))
 
 

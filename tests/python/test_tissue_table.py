@@ -170,8 +170,7 @@ HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
 )  # fmt: skip
 def test_bad_table_files(tmp_path: Path, text: str, match: str) -> None:
     (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(ValueError, match=match):
-        read_tissues(tmp_path / "t.csv")
+    refused((lambda: read_tissues(tmp_path / "t.csv"), match))
 
 
 def test_grey_values_and_labels_make_a_bone() -> None:
@@ -486,5 +485,4 @@ def rows_of(names: list[str]) -> Tissues:
     ],
 )  # fmt: skip
 def test_refusals(make: Callable[[], object], match: str) -> None:
-    with pytest.raises((ValueError, TypeError), match=match):
-        make()
+    refused((make, match, (ValueError, TypeError)))

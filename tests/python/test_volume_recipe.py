@@ -7,7 +7,7 @@ import pytest
 from command_line import result, said
 from drilled_scenes import stack
 from PIL import Image
-from session_scenes import ended, session_of
+from session_scenes import ended, refused, session_of
 
 from burrlab import (
     Burr,
@@ -53,8 +53,7 @@ def test_recipe_through_json(here):
     assert again.at(here / "ct.nrrd") == again
     moved = (here / "ct.nrrd").rename(here / "moved.nrrd")
     assert make_bone(recipe, volume=moved).digest() == direct.digest()
-    with pytest.raises(FileNotFoundError, match=r"ct\.nrrd: no such file"):
-        make_bone(recipe)
+    refused((lambda: make_bone(recipe), r"ct\.nrrd: no such file", FileNotFoundError))
 
 
 @pytest.mark.parametrize(
@@ -66,8 +65,7 @@ def test_recipe_through_json(here):
     ],
 )
 def test_parameters_that_are_wrong(options, match):
-    with pytest.raises((ValueError, TypeError), match=match):
-        volume_recipe("v.nrrd", **{"mapping": MAP, **options})
+    refused((lambda: volume_recipe("v.nrrd", **{"mapping": MAP, **options}), match, (ValueError, TypeError)))
 
 
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
@@ -333,8 +331,7 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
 )
 def test_block_errors(tmp_path, volume, size, voxel, axis, match):
     recipe, place = VolumeRecipe(tmp_path / "ct.nrrd", MAP), {**way(volume), "axis": axis * ASKEW[:, 2]}
-    with pytest.raises(ValueError, match=match):
-        cut_block(recipe, size, voxel, **place)
+    refused((lambda: cut_block(recipe, size, voxel, **place), match))
 
 
 def protocol(tmp_path, volume, old="", new=""):
@@ -401,5 +398,4 @@ def test_slices_in_a_protocol(tmp_path):
     ],
 )
 def test_wrong_protocols(tmp_path, volume, old, new, message):
-    with pytest.raises(ValueError, match=message):
-        Protocol.read(protocol(tmp_path, volume, old, new))
+    refused((lambda: Protocol.read(protocol(tmp_path, volume, old, new)), message))

@@ -254,8 +254,7 @@ def test_an_export_is_read_back(made, tmp_path, layout):
     assert burrlab.read_volumetric_drilling(tmp_path / "thin.hdf5").burr_radius == [2.0]  # whole diameters
     with h5py.File(tmp_path / "thin.hdf5", "a") as file:
         file[f"{_NEW['burr_change'] if layout == 'new' else 'burr_change'}/burr_size"][0] = 0
-    with pytest.raises(ValueError, match="burr_size must be above 0"):
-        burrlab.read_volumetric_drilling(tmp_path / "thin.hdf5")
+    refused((lambda: burrlab.read_volumetric_drilling(tmp_path / "thin.hdf5"), "burr_size must be above 0"))
     assert back.voxel_volume == pytest.approx(0.008)
     ours, found = burrlab.session_metrics(trace), burrlab.session_metrics(back)
     for name in ("duration", "path", "strokes", "peak_force", "over_threshold", "rms_jerk"):
@@ -346,10 +345,10 @@ def test_the_layouts_that_its_recorder_wrote(tmp_path):
         for group in ("metadata", "data", "burr_change", "voxels_removed"):
             file.create_group(group)
     assert len(burrlab.read_volumetric_drilling(tmp_path).removed) == 2
-    with pytest.raises(
-        ValueError, match=r"0\.hdf5 is an empty recording: no pose, no force, no removed voxel$"
-    ):
-        burrlab.read_volumetric_drilling(files[0])
+    refused(
+        (lambda: burrlab.read_volumetric_drilling(files[0]),
+         r"0\.hdf5 is an empty recording: no pose, no force, no removed voxel$"),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("scale", [0.0492027, 0.008])  # of the default header, of the volume itself
@@ -483,8 +482,7 @@ def test_a_recording_that_is_refused(tmp_path, dataset, value, told):
         del file[dataset]
         if value is not None:
             file[dataset] = value
-    with pytest.raises(ValueError, match=f"bad.hdf5 is .*{told}"):
-        burrlab.read_volumetric_drilling(path)
+    refused((lambda: burrlab.read_volumetric_drilling(path), f"bad.hdf5 is .*{told}"))
 
 
 def test_a_file_or_a_bone_that_is_refused(made, tmp_path):
@@ -502,8 +500,7 @@ def test_a_file_or_a_bone_that_is_refused(made, tmp_path):
         (lambda: burrlab.session_metrics(back, burr=1), "burr must be an index below 1, got 1"),
     )  # fmt: skip
     path.write_bytes(path.read_bytes()[:-3000])
-    with pytest.raises(ValueError, match=r"bad\.hdf5 is damaged: it was cut short"):
-        burrlab.read_volumetric_drilling(path)
+    refused((lambda: burrlab.read_volumetric_drilling(path), r"bad\.hdf5 is damaged: it was cut short"))
     with h5py.File(tmp_path / "good.hdf5", "a") as file:
         del file["voxels_removed"], file["data/pose_mastoidectomy_volume"], file["metadata/voxel_volume"]
     bare = burrlab.read_volumetric_drilling(tmp_path / "good.hdf5")

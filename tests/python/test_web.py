@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal
-from page_scenes import PATH, make_page, make_scene, nerve_session, watched_trace  # noqa: F401
+from page_scenes import PATH, make_page, make_scene, nerve_session, turn, watched_trace  # noqa: F401
 from replica_scenes import soon
 from session_scenes import refused
 
@@ -24,24 +24,18 @@ from burrlab.view.page_source import ParcelHistory, page_source
 BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
-def turned(page):
-    """The page after one turn, whose picture a browser shows."""
-    page._turn(0.0)
-    page.shown()
-    return page
-
-
 def test_beside_a_session_to_its_end():
     session = nerve_session()
-    page = turned(make_page(page_source(session)))
+    page = make_page(page_source(session))
+    turn(page)
     said = {row["name"]: row["value"] for row in page.state.numbers}
     assert (said["centre"], said["force"], said["bone removed"]) == ("not known", "0.00", "0.00")
     assert page.state.source_state == "not started"
     with session:
         while session.running:
-            turned(page)
+            turn(page)
         session.wait()  # the follower may be behind
-        turned(page)
+        turn(page)
     final, ticks = session.snapshot()
     assert page.source.bone.digest() == final.digest()
     assert page.source.bone.removed == final.removed > 0
@@ -69,8 +63,8 @@ def test_beside_a_replica():
         try:
             page = make_page(page_source(replica))
             assert (page.state.title, page.state.source_state) == ("replica", "following")
-            assert soon(lambda: turned(page) and replica.wait(0.0), 30.0)
-            turned(page)
+            assert soon(lambda: turn(page) and replica.wait(0.0), 30.0)
+            turn(page)
             assert page.source.bone.digest() == replica.digest() == session.snapshot()[0].digest()
             assert page.source.bone.removed > 0
             assert page.state.source_state not in ("following", "")
@@ -158,8 +152,10 @@ def test_refused_in_an_event_loop():
     async def inside():
         web.serve(nerve_bone())
 
-    with pytest.raises(RuntimeError, match="serve blocks until the page ends, and an event loop runs here"):
-        asyncio.run(inside())
+    refused(
+        (lambda: asyncio.run(inside()),
+         "serve blocks until the page ends, and an event loop runs here", RuntimeError),
+    )  # fmt: skip
 
 
 async def talk(host, path, origin, secret, calls):
@@ -277,5 +273,7 @@ def test_a_missing_extra(monkeypatch, name, what):
         if module.split(".")[0] == name:
             monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ImportError, match=rf"{what} needs {name}: pip install 'burrlab\[viz3d\]'"):
-        web.serve(nerve_bone())
+    refused(
+        (lambda: web.serve(nerve_bone()),
+         rf"{what} needs {name}: pip install 'burrlab\[viz3d\]'", ImportError),
+    )  # fmt: skip

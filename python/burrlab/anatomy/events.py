@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab.bone.snapshot import read_dataset
 from burrlab.common.check import refuse
-from burrlab.common.records import Codec, Keys
+from burrlab.common.records import AsDict, Codec, Keys
 
 if TYPE_CHECKING:
     import h5py
@@ -118,7 +118,7 @@ def read_only(values: NDArray[Any]) -> NDArray[Any]:
 
 
 @dataclass(frozen=True)
-class AnatomyEvent:
+class AnatomyEvent(AsDict):
     """An event near a structure.
 
     Attributes
@@ -161,10 +161,6 @@ class AnatomyEvent:
             float(row["removed_levels"]) * (voxel_volume / 255.0), tuple(row["center_mm"].tolist()),
         )  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON, units in the names; None where there is no number."""
-        return cast("dict[str, Any]", _CODEC.plain(self))
-
     def __str__(self) -> str:
         removed = f"{self.removed:.2g} mm^3 removed in this session"
         if self.burr is None:
@@ -185,4 +181,4 @@ _UNITS = {"distance": "distance_mm", "force": "force_N", "removed": "removed_mm3
 EVENT_KEYS: dict[type, Keys] = {
     AnatomyEvent: {_UNITS.get(f.name, f.name): f.name for f in fields(AnatomyEvent)}
 }
-_CODEC = Codec(keys=EVENT_KEYS)
+AnatomyEvent._codec = Codec(keys=EVENT_KEYS)

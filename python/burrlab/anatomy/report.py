@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from burrlab.anatomy.events import EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
 from burrlab.common.figures import VELOCITY, Axes, Panels, drawing, panels, styled
-from burrlab.common.records import Codec
+from burrlab.common.records import AsDict, Codec
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].
 WITHIN: tuple[float, ...] = tuple(dose_edges)
@@ -23,7 +23,7 @@ NEAR: tuple[float, ...] = tuple(dose_near)
 
 
 @dataclass(frozen=True)
-class Dose:
+class Dose(AsDict):
     """One burr beside one structure in one session.
 
     Attributes
@@ -79,10 +79,6 @@ class Dose:
             dict(zip(NEAR, row["near_peak_N"].tolist(), strict=True)),
         )  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON, units in the names; None where there is no number."""
-        return cast("dict[str, Any]", _CODEC.plain(self))
-
 
 def dose_table(doses: Sequence[Dose]) -> str:
     """Text with two lines for each burr and structure: distance and force, then times."""
@@ -120,7 +116,7 @@ SHOWN = 5
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class AnatomyReport:
+class AnatomyReport(AsDict):
     """Report on burrs near critical structures, and on the tissues removed. Made by `anatomy_report`.
 
     Attributes
@@ -254,10 +250,6 @@ class AnatomyReport:
         """Doses beside all structures, as text."""
         return dose_table(self.doses)
 
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON, units in the names; None where there is no number."""
-        return cast("dict[str, Any]", _CODEC.plain(self))
-
     def __str__(self) -> str:
         removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)
         lines = [f"removed [mm^3]: {removed or 'nothing'}"]
@@ -334,7 +326,7 @@ def _listed(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in values.items()) or "nothing"
 
 
-_CODEC = Codec(
+Dose._codec = AnatomyReport._codec = Codec(
     keys={
         Dose: {
             "structure": "structure", "burr": "burr", "closest_mm": "closest", "closest_tick": "closest_tick",

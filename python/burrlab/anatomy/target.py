@@ -1,7 +1,7 @@
 """Comparison of the removed bone with a target, by tissue."""
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgba
@@ -13,7 +13,7 @@ from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import Axes, axes_or_new, drawing
 from burrlab.common.progress import doing
-from burrlab.common.records import Codec
+from burrlab.common.records import AsDict, Codec
 from burrlab.common.table import by_value, html_table
 
 #: Voxels read at a time, to bound the memory.
@@ -24,7 +24,7 @@ _COLOURS = ("#009E73", "#E69F00", "#D55E00")
 
 @by_value
 @dataclass(frozen=True, repr=False)
-class TargetComparison:
+class TargetComparison(AsDict):
     """Bone removed inside and outside a region, by tissue. Made by `compare_with_target`.
 
     Attributes
@@ -66,10 +66,6 @@ class TargetComparison:
     def dice(self) -> float:
         """2 overlap/(planned + removed), 0..1 (Dice, Ecology 1945)."""
         return 2.0 * float(self.overlap.sum()) / (self.planned + self.removed)
-
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON, units in the names."""
-        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def table(self) -> str:
         """Text, a line a tissue."""
@@ -115,7 +111,7 @@ class TargetComparison:
         return axes
 
 
-_CODEC = Codec(
+TargetComparison._codec = Codec(
     keys={
         TargetComparison: {
             "target_mm3": "volume", "planned_mm3": "planned", "removed_mm3": "removed",

@@ -273,14 +273,18 @@ class Codec:
         return self._converter.structure(value, kind)
 
 
-class InJson:
-    """Base of results that a JSON file keeps without loss."""
+class AsDict:
+    """Base of results that can be put into JSON; where they have no number, that is None, or NaN if they say so."""
 
     _codec: ClassVar[Codec]
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON; infinities and NaN are None."""
+        """The result as plain Python objects, ready for JSON, with units in the names."""
         return cast("dict[str, Any]", self._codec.plain(self))
+
+
+class InJson(AsDict):
+    """Base of results that a JSON file keeps without loss; infinities and NaN are None in `to_dict`."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

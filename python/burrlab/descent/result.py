@@ -15,7 +15,7 @@ from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.files import write_text
-from burrlab.common.records import Codec, parsed
+from burrlab.common.records import AsDict, Codec, parsed
 from burrlab.common.table import Tabular, by_value
 from burrlab.theory.closed_forms import (
     FEWEST_TICKS,
@@ -44,8 +44,8 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Descent(Tabular):
-    """A burr's descent at constant force. Made by `descend`.
+class Descent(AsDict, Tabular):
+    """A burr's descent at constant force. Made by `descend`; `to_dict` has all but the series, and NaN as it is.
 
     Attributes
     ----------
@@ -121,13 +121,9 @@ class Descent(Tabular):
         """Penetration velocity between two immersions [mm] of the record [mm/s]; None without two samples."""
         return penetration_velocity_between(self.time, self.immersion, start, end)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result without its series, ready for JSON."""
-        return dict(_CODEC.plain(self))
-
     def save(self, path: str | Path) -> None:
         """Writes result and series as JSON, without loss."""
-        record = _CODEC.plain(self.series)
+        record = self._codec.plain(self.series)
         columns = {name: record.pop(name) for name in ("time", "immersion", "force", "command")}
         write_text(path, json.dumps({**self.to_dict(), "series": columns, "record": record}))
 
@@ -139,7 +135,7 @@ class Descent(Tabular):
     @staticmethod
     def _of(data: dict[str, Any]) -> "Descent":
         data["series"] |= data.pop("record")
-        made = _CODEC.made(Descent, data)
+        made = Descent._codec.made(Descent, data)
         series = made.series
         shapes = {values.shape for values in (series.time, series.immersion, series.force, series.command)}
         refuse(len(shapes) > 1 or series.time.ndim != 1, "its series differ in length")
@@ -226,7 +222,7 @@ class Descent(Tabular):
         )
 
 
-_CODEC = Codec(
+Descent._codec = Codec(
     "kept",
     keys={
         Material: {name: name for name in ("name", "c_e", "alpha", "shape", "source")},

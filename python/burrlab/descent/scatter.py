@@ -16,7 +16,7 @@ from burrlab.common.check import check_positive, refuse, require_type, seed_or_n
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
-from burrlab.common.records import Codec, law_of
+from burrlab.common.records import AsDict, Codec, law_of
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend, place_in_voxel
 from burrlab.descent.sweep import item_seed
@@ -68,8 +68,8 @@ def run_item(item: ScatterItem) -> tuple[float, str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scatter:
-    """Scatter of ln v at every force, each descent in its own bone.
+class Scatter(AsDict):
+    """Scatter of ln v at every force, each descent in its own bone; `to_dict` has NaN as it is.
 
     Intervals are those of a normal distribution of ln v, by chi-square, at 95 %.
 
@@ -207,10 +207,6 @@ class Scatter:
         ax.set_title(f"{self.material.name}, R = {self.burr.radius:g} mm\n{_bone_text(self.bone)}")
         return ax
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result, ready for JSON."""
-        return dict(_CODEC.plain(self))
-
     def _pooled_text(self) -> str:
         low, high = self.pooled_interval
         return f"{100 * self.pooled:.1f} % ({100 * low:.1f}..{100 * high:.1f} %)"
@@ -225,7 +221,7 @@ class Scatter:
         )
 
 
-_CODEC = Codec(
+Scatter._codec = Codec(
     "kept",
     keys={
         Scatter: {

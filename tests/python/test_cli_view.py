@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import call, refusal, result
 from session_scenes import small_bone
-from view_scenes import carve, frames_in, need_drawing, read, write_trace
+from view_scenes import carve, frames_in, need_drawing, read, recorded_trace  # noqa: F401
 
 import burrlab.cli.view as cli_view
 from burrlab import (
@@ -25,13 +25,6 @@ from burrlab.effects.effects import effects_of
 from burrlab.session.player import TracePlayer
 
 SMALL = ("--size", "320x240")
-
-
-@pytest.fixture(scope="module")
-def trace(tmp_path_factory):
-    file = tmp_path_factory.mktemp("view") / "session.h5"
-    write_trace(file)
-    return file
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from view_scenes import differing, write_trace
+from view_scenes import differing, recorded_trace  # noqa: F401
 from x_screen import Screen, need_screen
 
 pytestmark = pytest.mark.slow
@@ -18,13 +18,6 @@ def screen(tmp_path_factory):
     need_screen()
     with Screen(tmp_path_factory.mktemp("screen")) as made:
         yield made
-
-
-@pytest.fixture(scope="module")
-def trace(tmp_path_factory):
-    file = tmp_path_factory.mktemp("trace") / "session.h5"
-    write_trace(file)
-    return file
 
 
 class Shown:

@@ -52,6 +52,14 @@ def write_trace(file, ticks=400):
     return bone.digest()
 
 
+@pytest.fixture(name="trace", scope="module")
+def recorded_trace(tmp_path_factory):
+    """The file of a trace."""
+    file = tmp_path_factory.mktemp("trace") / "session.h5"
+    write_trace(file)
+    return file
+
+
 def read(path):
     """Pixels of a picture file, (height, width, 3)."""
     with Image.open(path) as picture:

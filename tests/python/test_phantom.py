@@ -98,7 +98,7 @@ def test_structures_hold_together_and_lie_inside():
 def test_no_two_structures_meet_whatever_the_seed():
     """Surfaces of nerve, canals and sinus, by points of their axes, stay apart, and outside the antrum."""
     for seed in range(40):
-        at = Structures.of(seed)
+        at = Structures(seed)
         for tube in (*at.canals, at.sinus):
             gap = np.linalg.norm(tube.points[:, None] - at.nerve.points, axis=2)
             assert (gap - tube.radius[:, None] - at.nerve.radius).min() > 0.1, seed
@@ -111,7 +111,7 @@ def test_distances_lie_in_the_range_that_was_measured():
     """Means lie within two standard deviations of the published ones in docs/beyond_the_paper.md."""
     found = []
     for seed in range(40):
-        at = Structures.of(seed)
+        at = Structures(seed)
         genu, foramen = at.landmarks["second genu"], at.landmarks["stylomastoid foramen"]
         to_sinus = [
             np.linalg.norm(at.sinus.points - place, axis=1).min() - at.sinus.radius[0] for place in (0, genu)

@@ -109,7 +109,7 @@ def mastoidectomy_path(
     step = burr.radius / 2 if step is None else step
     for name, value in (("layer", layer), ("step", step), ("speed", speed), ("depth", depth)):
         refuse(value is not None and not 0 < value < math.inf, f"{name} must be positive, got {value}")
-    plan = _Plan.of(phantom, burr.radius)
+    plan = _Plan(phantom, burr.radius)
     rows: list[tuple[Floats, bool]] = []
     layers = 0
     for x in np.arange(plan.first + layer - burr.radius, plan.deepest, layer):
@@ -129,46 +129,37 @@ def mastoidectomy_path(
     return BurrPath(np.append(0.0, np.cumsum(durations)), center * [plan.sign, 1.0, 1.0], on, layers)
 
 
-@dataclass(frozen=True)
 class _Plan:
     """Allowed places of the burr's centre, in a frame whose x grows with depth."""
 
-    room: Floats  # (z, y, x) of the centre: distance of the burr's surface to what must not be cut [mm]
-    cuts: Mask  # where the centre may be and the burr reaches planned bone
-    spacing: Floats  # (x, y, z)
-    origin: Floats
-    sign: int
-    first: float  # x at which the planned cavity begins
-    deepest: float
-    radius: float
-
-    @classmethod
-    def of(cls, phantom: Phantom, radius: float) -> "_Plan":
-        sign = 1 if phantom.side == "right" else -1
+    def __init__(self, phantom: Phantom, radius: float) -> None:
+        self.radius, self.sign = radius, 1 if phantom.side == "right" else -1
         spacing = np.array(phantom.bone.spacing)
         thin = [max(1, int(COARSE * radius / s)) for s in spacing]
         every = tuple(slice(n // 2, None, n) for n in thin[::-1])
-        target = phantom.target[:, :, ::sign][every]
-        bone = np.asarray(phantom.bone.pristine > 0)[:, :, ::sign][every]
+        target = phantom.target[:, :, :: self.sign][every]
+        bone = np.asarray(phantom.bone.pristine > 0)[:, :, :: self.sign][every]
         start = np.array(phantom.bone.origin)
-        if sign < 0:
+        if self.sign < 0:
             start[0] = -(start[0] + spacing[0] * (phantom.bone.shape[2] - 1))
-        origin = start + spacing * [n // 2 for n in thin]
-        spacing = spacing * thin
+        self.origin = start + spacing * [n // 2 for n in thin]
+        self.spacing = spacing * thin
         refuse(not target.any(), "phantom must hold some of the planned cavity, got a box with none of it")
         # The burr needs room beside and above the bone too.
-        pad = math.ceil(2.0 * radius / spacing[0]) + 2
+        pad = math.ceil(2.0 * radius / self.spacing[0]) + 2
         target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
-        origin[0] -= pad * spacing[0]
+        self.origin[0] -= pad * self.spacing[0]
         above = ~np.logical_or.accumulate(target | bone, axis=2)
 
         def distance(mask: Mask) -> Floats:
-            return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=spacing[::-1]))
+            return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=self.spacing[::-1]))
 
-        room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
-        cuts = distance(~(target & bone)) < radius
-        edge = origin[0] + spacing[0] * np.flatnonzero(target.any(axis=(0, 1)))
-        return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
+        # (z, y, x) of the centre: distance of the burr's surface to what must not be cut [mm]
+        self.room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
+        # where the centre may be and the burr reaches planned bone
+        self.cuts = (distance(~(target & bone)) < radius) & (self.room > 0)
+        edge = self.origin[0] + self.spacing[0] * np.flatnonzero(target.any(axis=(0, 1)))
+        self.first, self.deepest = float(edge[0]), float(edge[-1])  # x between which the planned cavity lies
 
     def strokes(self, x: float, step: float) -> list[Floats]:
         """Polylines (n, 3) along which the burr cuts at depth x: to and fro along y, then around."""

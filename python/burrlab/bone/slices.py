@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import scipy
@@ -35,9 +35,8 @@ _KINDS = {0: ("grey", 1), 2: ("RGB", 3), 3: ("palette", 1), 4: ("grey with alpha
 MOST_PIXELS = 16384
 
 
-@dataclass(frozen=True)
 class SliceFiles:
-    """Files of equal size and kind, in the order of their numbers.
+    """Files of equal size and kind, in the order of their numbers; ValueError if they differ, or are of no usable kind.
 
     Attributes
     ----------
@@ -50,11 +49,29 @@ class SliceFiles:
         grey, RGB, palette or RGBA.
     """
 
-    paths: list[Path]
-    columns: int
-    rows: int
-    bits: int
-    kind: str
+    def __init__(self, paths: list[Path]) -> None:
+        self.paths, first = paths, _header(paths[0])
+        for path in paths[1:]:
+            header = _header(path)
+            refuse(
+                header[:2] != first[:2],
+                f"{path}: slices must be of one size, this one has {header[0]} x {header[1]} pixels, and "
+                f"{paths[0].name} has {first[0]} x {first[1]}",
+            )
+            refuse(
+                header[2:] != first[2:],
+                f"{path}: slices must be of one kind, this one is {header[3]} of {header[2]} bits, and "
+                f"{paths[0].name} is {first[3]} of {first[2]} bits",
+            )
+        self.columns, self.rows, self.bits, self.kind = first
+        refuse(
+            self.kind == "grey with alpha",
+            f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)",
+        )
+        refuse(
+            self.kind != "grey" and self.bits == 16,
+            f"{paths[0]}: colours of labels must have 8 bits a channel, got 16",
+        )
 
 
 def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> SliceFiles:
@@ -91,7 +108,7 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     named = "" if prefix is None else f" that begin with {prefix!r}"
     refuse(not pictures, f"{text}: there are no PNG slices{named}")
     # a description counts from 0
-    return _alike(_in_order(text, pictures, latest=int(prefix is None) if in_folder else None))
+    return SliceFiles(_in_order(text, pictures, latest=int(prefix is None) if in_folder else None))
 
 
 def stack_files(path: str) -> list[str]:
@@ -163,32 +180,6 @@ def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path
     return [numbered[number] for number in order]
 
 
-def _alike(paths: list[Path]) -> SliceFiles:
-    first = _header(paths[0])
-    for path in paths[1:]:
-        header = _header(path)
-        refuse(
-            header[:2] != first[:2],
-            f"{path}: slices must be of one size, this one has {header[0]} x {header[1]} pixels, and "
-            f"{paths[0].name} has {first[0]} x {first[1]}",
-        )
-        refuse(
-            header[2:] != first[2:],
-            f"{path}: slices must be of one kind, this one is {header[3]} of {header[2]} bits, and "
-            f"{paths[0].name} is {first[3]} of {first[2]} bits",
-        )
-    slices = SliceFiles(paths, *first)
-    refuse(
-        slices.kind == "grey with alpha",
-        f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)",
-    )
-    refuse(
-        slices.kind != "grey" and slices.bits == 16,
-        f"{paths[0]}: colours of labels must have 8 bits a channel, got 16",
-    )
-    return slices
-
-
 def _header(path: Path) -> tuple[int, int, int, str]:
     """Columns, rows, bits and kind from the first chunk."""
     with path.open("rb") as file:
@@ -218,12 +209,31 @@ _SUMMED = {2: "two", 3: "three", 4: "four"}  # opaque colours in a sum modulo 25
 _UNCLEAR = 65535  # number of a sum that no single pair, or no other group, explains; groups have lower ones
 
 
-class _Sums(NamedTuple):
-    """Groups of labels, the label that each gives (from 1), and the number of the group for each colour."""
+class _Sums:
+    """Sums of so many colours, and whose a voxel of each is.
 
-    groups: list[tuple[int, ...]]
-    winners: NDArray[Any]
-    places: NDArray[np.uint16]  # 0 for none, `_UNCLEAR` for several
+    A group's sum must lie within 1 a channel, modulo 256. The sum of no other group of as many, and no
+    single colour of the table, may lie within 2.
+    """
+
+    def __init__(
+        self, colours: Mapping[int, Colour], ranks: Mapping[int, tuple[float, int]], count: int
+    ) -> None:
+        self.groups = list(itertools.combinations(colours, count))  # of labels
+        self.winners = np.array([0, *(min(group, key=ranks.__getitem__) for group in self.groups)])
+        singles = np.array([*colours.values(), (0, 0, 0)])
+        small, wide = (np.indices((2 * n + 1,) * 3).reshape(3, -1).T - n for n in (1, 2))
+        # by the colour's code, a group's number: 0 for none, `_UNCLEAR` for several
+        near, self.places = np.zeros((2, 1 << 24), np.uint16)
+        single = np.zeros(1 << 24, bool)
+        for place, group in enumerate(self.groups, start=1):
+            colour = np.sum([colours[label] for label in group], axis=0)
+            near[_code((colour + wide) % 256)] += 1
+            self.places[_code((colour + small) % 256)] = place
+        single[_code((singles[:, None] + wide) % 256)] = True
+        self.places[(self.places > 0) & ((near > 1) | single)] = _UNCLEAR
+        exact = _code(singles)
+        self.places[exact[near[exact] > 0]] = _UNCLEAR
 
 
 class Palette:
@@ -315,7 +325,7 @@ class Palette:
             if not self._ranked or not summed.any() or math.comb(len(self.colours), count) >= _UNCLEAR:
                 continue
             if count not in self._sums:
-                self._sums[count] = self._sums_of(count)
+                self._sums[count] = _Sums(self.colours, self._ranked, count)
             sums = self._sums[count].places.take(codes[summed])
             clear = (sums > 0) & (sums < _UNCLEAR)
             run_labels[summed] = np.where(
@@ -412,29 +422,6 @@ class Palette:
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
-
-    def _sums_of(self, count: int) -> _Sums:
-        """Sums of so many colours.
-
-        A group's sum must lie within 1 a channel, modulo 256. The sum of no other group of as many, and no
-        single colour of the table, may lie within 2.
-        """
-
-        groups = list(itertools.combinations(self.colours, count))
-        winners = np.array([0, *(min(group, key=self._ranked.__getitem__) for group in groups)])
-        singles = np.array([*self.colours.values(), (0, 0, 0)])
-        small, wide = (np.indices((2 * n + 1,) * 3).reshape(3, -1).T - n for n in (1, 2))
-        near, places = np.zeros((2, 1 << 24), np.uint16)
-        single = np.zeros(1 << 24, bool)
-        for place, group in enumerate(groups, start=1):
-            colour = np.sum([self.colours[label] for label in group], axis=0)
-            near[_code((colour + wide) % 256)] += 1
-            places[_code((colour + small) % 256)] = place
-        single[_code((singles[:, None] + wide) % 256)] = True
-        places[(places > 0) & ((near > 1) | single)] = _UNCLEAR
-        exact = _code(singles)
-        places[exact[near[exact] > 0]] = _UNCLEAR
-        return _Sums(groups, winners, places)
 
 
 def _known(name: str) -> tuple[str, bool]:

@@ -134,7 +134,7 @@ def export_volumetric_drilling(
     turn = np.roll(trace.array("orientation", burr), -1, axis=1)  # w last
     pose = np.hstack([trace.array("center_mm", burr) / 1000.0, turn])
     with new_file(path) as part:
-        grid = _SliceGrid.of(trace._bone, trace.source)
+        grid = _SliceGrid(trace._bone, trace.source)
         with new_hdf5(part) as file:
 
             def group(name: str) -> "h5py.Group":
@@ -162,35 +162,30 @@ def export_volumetric_drilling(
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 
 
-@dataclass(frozen=True)
 class _SliceGrid:
     """The exported voxel grid: that of the slices the bone was made of, or the bone's own."""
 
-    turned: bool | None  # whether the slices were transposed; None without slices
-    sizes: NDArray[np.int64]  # of the whole stack (x, y, z), as it was read
-    first: NDArray[np.int64]  # index of the bone's first voxel in the stack
-
-    @classmethod
-    def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> "_SliceGrid":
-        sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
+    def __init__(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> None:
+        self.turned: bool | None = None  # whether the slices were transposed; None without slices
+        self.sizes = np.array(bone.shape[::-1])  # of the whole stack (x, y, z), as it was read
+        self.first = np.zeros(3, np.int64)  # index of the bone's first voxel in the stack
         try:
             described = json.loads(source) if isinstance(source, str) else source
             described = described.get("grey", described)  # the bone has this volume's voxels
             path = str(described.get("path") or described.get("labels") or "")
         except (ValueError, AttributeError, RecursionError):
-            return cls(None, sizes, first)
+            return
         if "transpose" not in described and not (path and is_stack(path)):
-            return cls(None, sizes, first)
-        turned = bool(described.get("transpose", False))
+            return
+        self.turned = bool(described.get("transpose", False))
         if (
             "crop_mm" in described
             and "voxel_mm" not in described
             and (slices := stack_slices(path)) is not None
         ):
-            first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
-            sides = (slices.rows, slices.columns) if turned else (slices.columns, slices.rows)
-            sizes = np.array([*sides, len(slices.paths)])
-        return cls(turned, sizes, first)
+            self.first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
+            sides = (slices.rows, slices.columns) if self.turned else (slices.columns, slices.rows)
+            self.sizes = np.array([*sides, len(slices.paths)])
 
     def indices(self, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices (x, y, z) in this grid of voxels (z, y, x) of the bone, shape (n, 3)."""
@@ -357,7 +352,7 @@ class DrillingRecording:
         if self.removed is None:
             raise ValueError(f"{self.path} holds no removed voxels")
         self._scale_on(bone, source)
-        places = _SliceGrid.of(bone, source).places(self.removed)
+        places = _SliceGrid(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())
         refuse(
             outside,
@@ -419,7 +414,7 @@ class DrillingRecording:
         if self.volume_pose is None:
             raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
-        bone_pose, theirs = _SliceGrid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+        bone_pose, theirs = _SliceGrid(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(bone_pose[3:]) * of_quaternion(theirs).inv()
         scale = self._scale_on(bone, source, least=_RESAMPLED)
         position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3]
@@ -431,7 +426,7 @@ class DrillingRecording:
     ) -> float:  # fmt: skip
         """By what the recorder multiplied lengths, as the sizes of the voxels tell. Where nothing known fits, 1 for
         voxels of at least this share of the bone's, else ValueError."""
-        sizes, bone_voxel = _SliceGrid.of(bone, source).sizes, float(np.prod(bone.spacing))
+        sizes, bone_voxel = _SliceGrid(bone, source).sizes, float(np.prod(bone.spacing))
         side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
         ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / bone_voxel
         for scale in (1.0, _SCALE, side):

@@ -206,11 +206,11 @@ def temporal_bone(
     spacing, grid = _checked_grid(voxel, size, corner, side)
     seed = operator.index(seed)
     refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
-    at = Structures.of(seed)
+    at = Structures(seed)
     cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
     way = -1 if side == "left" else 1  # of x in the frame of a right ear
     painted = Grid(way * grid.x[::way], grid.y, grid.z)
-    fields = Fields.of(at, lattice_around(painted))
+    fields = Fields(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # along a normal, root mean square over directions
     levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
     target = np.empty(grid.shape, dtype=np.bool_)
@@ -268,7 +268,7 @@ def _checked_grid(
 @lru_cache(maxsize=4)
 def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
     low, high = (np.array(corner) for corner in CELLS_BOX)
-    fields = Fields.of(Structures.of(seed), lattice_around(Grid(*np.transpose([low, high]))))
+    fields = Fields(Structures(seed), lattice_around(Grid(*np.transpose([low, high]))))
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))

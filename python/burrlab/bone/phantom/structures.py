@@ -4,9 +4,6 @@ The origin is the spine of Henle, on the bone's surface. x is depth (towards the
 back, z up [mm].
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
 from burrlab.bone.phantom.air_cells import uniform
@@ -46,27 +43,10 @@ CANALS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
 class Structures:
-    """The anatomy of one seed."""
+    """The anatomy of one seed, which varies places and sizes."""
 
-    nerve: Tube
-    sinus: Tube
-    canals: tuple[Tube, ...]  # canals of the labyrinth, cochlea and connections
-    vestibule: tuple[Floats, Floats]  # centre and half axes
-    ossicles: tuple[Tube, ...]
-    antrum: tuple[Floats, Floats]
-    aditus: Tube
-    ear_canal: Tube
-    tympanum: tuple[Floats, Floats]
-    tip: Tube
-    tegmen: Floats  # height at (12, 6), slopes along x and y
-    genu: int  # index in the nerve's points
-    fossa: float  # x + 0.8 y on the plane where the posterior fossa begins
-
-    @classmethod
-    def of(cls, seed: int) -> "Structures":
-        """Anatomy with places and sizes varied by the seed."""
+    def __init__(self, seed: int) -> None:
         draw = iter((2.0 * uniform(seed, 2, 64) - 1.0).tolist())
 
         def jitter(width: float) -> float:
@@ -91,7 +71,7 @@ class Structures:
             ]
         )
         nerve_points[-3:] += np.array([jitter(0.3), jitter(0.6), 0.0])
-        nerve = Tube.along(nerve_points + inner, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
+        self.nerve = Tube.along(nerve_points + inner, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
         sinus_points = np.array(
             [
                 [9.5, 46.0, 9.0],
@@ -104,25 +84,32 @@ class Structures:
                 [26.0, 5.0, -18.0],
             ]
         )
-        sinus = Tube.along(
+        self.sinus = Tube.along(
             sinus_points + [jitter(0.7), 1.0 + jitter(1.5), 0.0], SINUS + jitter(0.4), step=2.0
         )
-        canals, vestibule = _labyrinth(inner)
-
-        antrum = (
+        # canals of the labyrinth, cochlea and connections; centre and half axes
+        self.canals, self.vestibule = _labyrinth(inner)
+        self.antrum = (
             np.array([12.0, 6.0, 4.6]) + 0.5 * inner + np.array([0.0, jitter(0.6), 0.0]),
             np.array([3.5, 7.0, 4.5]) * (1 + jitter(0.08)),
         )
-        tympanum = (np.array([15.8, -4.0, -2.0]) + inner, np.array([2.1, 4.2, 6.2]))
-        return cls(
-            nerve, sinus, canals, vestibule, antrum=antrum, tympanum=tympanum,
-            ossicles=tuple(Tube(inner + [a, b], np.array(radii)) for a, b, radii in OSSICLES),
-            aditus=Tube(np.array([antrum[0] + [0.5, -4.5, -0.2], tympanum[0] + [0.0, 1.5, 5.0]]), np.array([2.0, 1.7])),
-            ear_canal=Tube(np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)),
-            tip=Tube(np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])),
-            tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
-            genu=int(np.argmin(np.linalg.norm(nerve.points - (nerve_points[6] + inner), axis=1))), fossa=28.7 + jitter(0.5),
-        )  # fmt: skip
+        self.tympanum = (np.array([15.8, -4.0, -2.0]) + inner, np.array([2.1, 4.2, 6.2]))
+        self.ossicles = tuple(Tube(inner + [a, b], np.array(radii)) for a, b, radii in OSSICLES)
+        self.aditus = Tube(
+            np.array([self.antrum[0] + [0.5, -4.5, -0.2], self.tympanum[0] + [0.0, 1.5, 5.0]]),
+            np.array([2.0, 1.7]),
+        )
+        self.ear_canal = Tube(
+            np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)
+        )
+        self.tip = Tube(
+            np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])
+        )
+        # height at (12, 6), slopes along x and y
+        self.tegmen = np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)])
+        # index in the nerve's points
+        self.genu = int(np.argmin(np.linalg.norm(self.nerve.points - (nerve_points[6] + inner), axis=1)))
+        self.fossa = 28.7 + jitter(0.5)  # x + 0.8 y on the plane where the posterior fossa begins
 
     @property
     def landmarks(self) -> dict[str, Floats]:
@@ -176,7 +163,6 @@ OPENING, BOTTOM = 15.0, 7.5
 CELLS_BOX = ((-1.0, -9.0, -29.0), (19.0, 28.0, 13.0))
 
 
-@dataclass(frozen=True, eq=False)
 class Fields:
     """Signed distances on the lattice by name, negative inside [mm].
 
@@ -196,11 +182,8 @@ class Fields:
         From the cavity of a simple mastoidectomy.
     """
 
-    lattice: Grid
-    distances: Mapping[str, Singles]
-
-    @classmethod
-    def of(cls, at: Structures, lattice: Grid) -> "Fields":
+    def __init__(self, at: Structures, lattice: Grid) -> None:
+        self.lattice = lattice
         outside, cranium = _outside(at, lattice), _cranium(at, lattice)
         near = {
             "sigmoid sinus": distance_to([at.sinus], lattice, 4.0),
@@ -216,7 +199,7 @@ class Fields:
             "pneumatised": np.maximum(_mastoid(lattice, outside), _within(near, PLATES)),
             "plan": np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE)),
         }  # fmt: skip
-        return cls(lattice, {name: part.astype(np.float32) for name, part in distances.items()})
+        self.distances = {name: part.astype(np.float32) for name, part in distances.items()}
 
     def on(self, name: str, grid: Grid) -> Singles:
         """The named field at the points of a grid."""

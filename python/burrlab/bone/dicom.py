@@ -19,7 +19,6 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,23 +57,64 @@ _MOST_ITEMS = 5000
 _ONE_LISTENS = threading.Lock()
 
 
-@dataclass(frozen=True)
 class _Slice:
     """Header of one file; spacing is NaN where the header has none."""
 
-    name: str
-    series: str
-    size: tuple[int, int]
-    spacing: tuple[float, float]
-    turn: tuple[float, ...]  # along a row, then along a column
-    position: Array
-    bits: int
-    number: int | None = None  # InstanceNumber
-    images: int | None = None  # ImagesInAcquisition
+    def __init__(self, name: str) -> None:
+        attributes = dataset(plain_name(name))
 
-    @property
-    def file(self) -> str:
-        return Path(self.name).name
+        def numbers(keyword: str, count: int) -> tuple[float, ...]:
+            try:
+                values = tuple(float(part) for part in text_of(attributes, keyword).split("\\"))
+            except ValueError:
+                values = ()
+            return values if len(values) == count and np.all(np.isfinite(values)) else (np.nan,) * count
+
+        def whole(keyword: str) -> int | None:
+            text = text_of(attributes, keyword)
+            return int(text) if re.fullmatch(r"[+-]?[0-9]{1,12}", text) else None
+
+        rows, columns, self.bits, values = (
+            short_of(attributes, keyword)
+            for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
+        )
+        refuse(
+            min(rows, columns, self.bits) < 1,
+            f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image",
+        )
+        refuse(
+            (whole("NumberOfFrames") or 1) > 1,
+            f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
+        )
+        for keyword in ("RescaleSlope", "RescaleIntercept"):
+            (factor,) = numbers(keyword, 1)
+            refuse(
+                text_of(attributes, keyword)
+                and (np.isnan(factor) or (keyword == "RescaleSlope" and factor == 0)),
+                f"{name}: {keyword} must be a number, of a slope not 0, got {text_of(attributes, keyword)}",
+            )
+        refuse(
+            "ModalityLUTSequence" in attributes or short_of(attributes, "BitsStored") > self.bits,
+            f"{name}: grey values by a table (Modality LUT), or of more bits than are allocated, are not read",
+        )
+        shades = text_of(attributes, "PhotometricInterpretation")
+        refuse(
+            abs(values) != 1 or shades not in ("MONOCHROME2", ""),
+            f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of "
+            f"{abs(values)} values",
+        )
+        self.name, self.file = name, Path(name).name
+        self.series, self.size = text_of(attributes, "SeriesInstanceUID"), (columns, rows)
+        self.byte_count = columns * rows * self.bits // 8  # of the pixels
+        # between columns, between rows: the header has them the other way round
+        self.spacing = tuple(s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)[::-1])
+        self.position = np.array(numbers("ImagePositionPatient", 3))
+        self.turn = numbers("ImageOrientationPatient", 6)  # along a row, then along a column
+        refuse(
+            np.any(np.isnan(self.position)) or np.any(np.isnan(self.turn)),
+            f"{name}: the DICOM header does not say the slice's position and orientation",
+        )
+        self.number, self.images = whole("InstanceNumber"), whole("ImagesInAcquisition")
 
 
 def read_dicom(
@@ -88,14 +128,14 @@ def read_dicom(
         medical(library, "reading DICOM")
     # others of the folder, such as a report or a capture, need not be readable
     chosen = [name for name in names if series in (None, series_of(name))] or names
-    slices = _of_series([_header_of(name) for name in chosen], where, series)
+    slices = _of_series([_Slice(name) for name in chosen], where, series)
     _check_alike(slices, where)
     turn = np.reshape(slices[0].turn, (2, 3))
     direction = checked_direction(np.column_stack([*turn, np.cross(*turn)]), where, _FOUR_DIGITS)
     slices.sort(key=lambda s: float(s.position @ direction[:, 2]))
     apart = _distance(slices, np.array([s.position @ direction[:, 2] for s in slices]), where)
     _check_straight(slices, direction, where)
-    check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
+    check_memory(2 * len(slices) * slices[0].byte_count, f"{where}: the volume")
     values = np.stack([_values(s) for s in slices])
     return Header(
         values.shape, np.array([*slices[0].spacing, apart]), slices[0].position, direction, _notes(slices, others),
@@ -214,62 +254,6 @@ def is_packed(attributes: Any) -> bool:
     return bool(attributes.get_item("PixelData").length == _OPEN)
 
 
-def _header_of(name: str) -> _Slice:
-    attributes = dataset(plain_name(name))
-
-    def numbers(keyword: str, count: int) -> tuple[float, ...]:
-        try:
-            values = tuple(float(part) for part in text_of(attributes, keyword).split("\\"))
-        except ValueError:
-            values = ()
-        return values if len(values) == count and np.all(np.isfinite(values)) else (np.nan,) * count
-
-    def whole(keyword: str) -> int | None:
-        text = text_of(attributes, keyword)
-        return int(text) if re.fullmatch(r"[+-]?[0-9]{1,12}", text) else None
-
-    rows, columns, bits, values = (
-        short_of(attributes, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
-    )
-    refuse(
-        min(rows, columns, bits) < 1,
-        f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image",
-    )
-    refuse(
-        (whole("NumberOfFrames") or 1) > 1,
-        f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
-    )
-    for keyword in ("RescaleSlope", "RescaleIntercept"):
-        (factor,) = numbers(keyword, 1)
-        refuse(
-            text_of(attributes, keyword)
-            and (np.isnan(factor) or (keyword == "RescaleSlope" and factor == 0)),
-            f"{name}: {keyword} must be a number, of a slope not 0, got {text_of(attributes, keyword)}",
-        )
-    refuse(
-        "ModalityLUTSequence" in attributes or short_of(attributes, "BitsStored") > bits,
-        f"{name}: grey values by a table (Modality LUT), or of more bits than are allocated, are not read",
-    )
-    shades = text_of(attributes, "PhotometricInterpretation")
-    refuse(
-        abs(values) != 1 or shades not in ("MONOCHROME2", ""),
-        f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of "
-        f"{abs(values)} values",
-    )
-    down, across = (
-        s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)
-    )  # between rows, between columns
-    position, turn = numbers("ImagePositionPatient", 3), numbers("ImageOrientationPatient", 6)
-    refuse(
-        np.any(np.isnan(position)) or np.any(np.isnan(turn)),
-        f"{name}: the DICOM header does not say the slice's position and orientation",
-    )
-    return _Slice(
-        name, text_of(attributes, "SeriesInstanceUID"), (columns, rows), (across, down), turn, np.array(position), bits,
-        whole("InstanceNumber"), whole("ImagesInAcquisition"),
-    )  # fmt: skip
-
-
 def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
     counts = Counter(s.series for s in slices)
     choices = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
@@ -344,14 +328,9 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
     )
 
 
-def _size(part: _Slice) -> int:
-    """Size of a slice's pixels [bytes]."""
-    return part.size[0] * part.size[1] * part.bits // 8
-
-
 def _check_whole(part: _Slice) -> None:
     """ValueError if the pixel data are shorter than rows times columns: GDCM would fill in the rest."""
-    attributes, wanted = dataset(part.name), _size(part)
+    attributes, wanted = dataset(part.name), part.byte_count
     content = attributes.get_item("PixelData").value
     refuse(  # before a decoder allocates memory
         wanted > max(DEFLATE * len(content), _SMALL),

@@ -478,9 +478,8 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     custom_fields = {
         key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
     }
-    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields), _meta_layout(
-        fields, end, name
-    )
+    header = Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields)
+    return header, _meta_layout(fields, end, name)
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:

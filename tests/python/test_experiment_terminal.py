@@ -22,7 +22,7 @@ from session_scenes import refused
 import burrlab
 from burrlab.cli import main
 from burrlab.psychophysics import Protocol, SameDifferent, Stimulus, read_answers
-from burrlab.psychophysics.run import Keyboard, TerminalSeat
+from burrlab.psychophysics.run import TerminalSeat
 
 SUBJECT, TASK = "01", "one"
 CONFIG = """
@@ -241,8 +241,8 @@ class Desk:
     def __init__(self):
         self.controller, self.terminal = pty.openpty()
         self.before, self.screen = termios.tcgetattr(self.terminal), io.StringIO()
-        self.keyboard = Keyboard(types.SimpleNamespace(fileno=lambda: self.terminal))
-        self.seat = TerminalSeat(self.keyboard, self.screen)
+        self.stream = types.SimpleNamespace(fileno=lambda: self.terminal)
+        self.seat = TerminalSeat(self.stream, self.screen)
 
     def press(self, *keys):
         for key in keys:
@@ -321,20 +321,18 @@ def test_done_counts_since_the_interval_began_and_nothing_is_echoed(desk):
 def test_needs_a_terminal_and_a_screen(tmp_path, monkeypatch, left):
     with (tmp_path / "keys").open("w+") as file:
         rule = "answers are read from a terminal: standard input is a p"
-        refused((lambda: Keyboard(file), rule), (lambda: Keyboard(io.StringIO()), rule))
+        refused((lambda: TerminalSeat(file), rule), (lambda: TerminalSeat(io.StringIO()), rule))
     monkeypatch.setattr(sys, "stdout", io.StringIO())
-    refused((lambda: TerminalSeat(left.keyboard), "the subject needs a screen: standard output is a pipe"))
+    refused((lambda: TerminalSeat(left.stream), "the subject needs a screen: standard output is a pipe"))
     monkeypatch.setitem(sys.modules, "termios", None)
-    refused((Keyboard, "a terminal, which this system does not have"))
+    refused((TerminalSeat, "a terminal, which this system does not have"))
 
 
 def test_terminal_closed():
     found = Desk()
     os.close(found.controller)
     rule = "the subject's terminal was closed"
-    refused(
-        (lambda: found.keyboard.pressed(" "), rule), (found.keyboard.flush, rule), error=KeyboardInterrupt
-    )
+    refused((lambda: found.seat.pressed(" "), rule), (found.seat.flush, rule), error=KeyboardInterrupt)
     os.close(found.terminal)
 
 
@@ -344,17 +342,17 @@ def test_terminal_closed():
 def test_a_key_whose_sequence_comes_in_parts_is_no_answer(desk, parts):
     line = threading.Thread(target=desk.press, args=parts)
     line.start()
-    assert desk.keyboard.pressed("12", 0.5) is None
+    assert desk.seat.pressed("12", 0.5) is None
     line.join()
     desk.press("\x1b")  # Escape alone does not delay the next answer
-    assert desk.keyboard.pressed("12", 0.3) is None
+    assert desk.seat.pressed("12", 0.3) is None
     desk.press("2")
-    assert desk.keyboard.pressed("12", 0.3) == "2"
+    assert desk.seat.pressed("12", 0.3) == "2"
 
 
 def test_plain_screen(left, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
-    seat = TerminalSeat(left.keyboard, left.screen)
+    seat = TerminalSeat(left.stream, left.screen)
     seat.progress("Trial 1 of 2")
     seat.tell("Right.")
     assert left.screen.getvalue() == "\nTrial 1 of 2\nRight.\n"

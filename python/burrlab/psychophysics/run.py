@@ -105,34 +105,45 @@ _BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
 _PART = 0.1  # the longest wait for the next part [s]
 
 
-class Keyboard:
-    """A context that reads keys of a terminal one by one, without echo. Ctrl-C still interrupts.
+class TerminalSeat(Seat):
+    """The seat of a person at a terminal: a context that restores the terminal's settings when it is left.
+
+    Keys are read one by one, without echo. Ctrl-C still interrupts.
 
     Parameters
     ----------
-    stream : text stream, optional
+    keyboard : text stream, optional
         A terminal; by default standard input.
+    screen : text stream, optional
+        By default standard output, which must be a terminal.
 
     Raises
     ------
     ValueError
-        If the stream is not a terminal, or the system has no terminals.
+        If standard input or output is not a terminal, or the system has no terminals.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
+    def __init__(self, keyboard: TextIO | None = None, screen: TextIO | None = None) -> None:
         try:
             import termios
         except ImportError:
             raise ValueError("answers are read from a terminal, which this system does not have") from None
-        stream = sys.stdin if stream is None else stream
+        keyboard = sys.stdin if keyboard is None else keyboard
         try:
-            self._file = stream.fileno()
+            self._file = keyboard.fileno()
             self._before = termios.tcgetattr(self._file)
         except (OSError, ValueError, AttributeError, termios.error):
             raise ValueError("answers are read from a terminal: standard input is a pipe or a file") from None
         self._termios = termios
+        self._screen = sys.stdout if screen is None else screen
+        refuse(
+            screen is None and not self._screen.isatty(),
+            "the subject needs a screen: standard output is a pipe or a file",
+        )
+        self._plain = os.environ.get("TERM", "") in ("", "dumb")
+        self._progress = ""
 
-    def __enter__(self) -> "Keyboard":
+    def __enter__(self) -> "TerminalSeat":
         keys = self._termios
         mode = keys.tcgetattr(self._file)
         mode[3] &= ~(keys.ICANON | keys.ECHO)
@@ -189,40 +200,6 @@ class Keyboard:
             if end is not None and time.monotonic() >= end:
                 return None
 
-
-class TerminalSeat(Seat):
-    """The seat of a person at a terminal: a context that restores the terminal's settings when it is left.
-
-    Parameters
-    ----------
-    keyboard : Keyboard, optional
-        By default, of standard input.
-    screen : text stream, optional
-        By default standard output, which must be a terminal.
-
-    Raises
-    ------
-    ValueError
-        If standard input or output is not a terminal.
-    """
-
-    def __init__(self, keyboard: Keyboard | None = None, screen: TextIO | None = None) -> None:
-        self._keyboard = Keyboard() if keyboard is None else keyboard
-        self._screen = sys.stdout if screen is None else screen
-        refuse(
-            screen is None and not self._screen.isatty(),
-            "the subject needs a screen: standard output is a pipe or a file",
-        )
-        self._plain = os.environ.get("TERM", "") in ("", "dumb")
-        self._progress = ""
-
-    def __enter__(self) -> "TerminalSeat":
-        self._keyboard.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._keyboard.__exit__(*error)
-
     def progress(self, text: str) -> None:
         self._progress = text
 
@@ -230,7 +207,7 @@ class TerminalSeat(Seat):
         self._wait_for_space(f"{text}\n\nPress the space bar to go on.")
 
     def begins(self, text: str) -> None:
-        self._keyboard.flush()
+        self.flush()
         self.show(text, beep=True)
 
     def ends(self, text: str, pause: float) -> None:
@@ -238,17 +215,17 @@ class TerminalSeat(Seat):
         time.sleep(pause)
 
     def done(self) -> bool:
-        return self._keyboard.pressed(SPACE, 0.0) is not None
+        return self.pressed(SPACE, 0.0) is not None
 
     def ask(
         self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         keys = dict(zip(self.keys, design.answers, strict=True))
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
-        self._keyboard.flush()
+        self.flush()
         self.show(f"{design.question}\n\n{choices}")
         shown_at = time.monotonic()
-        key = self._keyboard.pressed(self.keys)
+        key = self.pressed(self.keys)
         assert key is not None  # the wait has no time limit
         return keys[key], time.monotonic() - shown_at
 
@@ -269,9 +246,9 @@ class TerminalSeat(Seat):
         self.show(text)
 
     def _wait_for_space(self, text: str, *, beep: bool = False) -> None:
-        self._keyboard.flush()  # forget keys pressed before the text is shown
+        self.flush()  # forget keys pressed before the text is shown
         self.show(text, beep=beep)
-        self._keyboard.pressed(SPACE)
+        self.pressed(SPACE)
 
     def show(self, text: str, *, beep: bool = False) -> None:
         """Fills the screen: the progress line above, the text bold in the middle."""

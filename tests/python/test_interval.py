@@ -8,7 +8,7 @@ from session_scenes import FakeReader, refused
 
 from burrlab import Burr, MailboxDevice, Material, ScriptedDevice, _core, load_trace, materials, replay
 from burrlab.psychophysics import Interval, Stimulus, drilling_hand, probing_hand
-from burrlab.psychophysics.interval import TICK, Block, _material, _Watch, render
+from burrlab.psychophysics.interval import TICK, Block, _Watch, render
 
 BURR = Burr(2.0)
 BONE = Block((14, 14, 4), 0.2)
@@ -48,12 +48,13 @@ def test_it_ends_when_its_time_is_over():
     assert "ticks=" not in repr(found)
 
 
-def test_only_a_burr_that_turns_in_drilling_erodes():
+def test_only_a_burr_that_turns_in_drilling_erodes(tmp_path):
     found = play(drilling_hand(BURR, push=1.0), mode="probing")
     assert (found.ticks["on"].all(), found.ticks["touching"].any()) == (True, True)
     assert removed(found) == removed(play(probing_hand(BURR))) == 0
     law = Material("x", c_e=2.0, alpha=0.1, force_exponent=2.0)
-    probed = _material(Interval(Stimulus("x", law), 1, 1.0), "probing")
+    play(probing_hand(BURR), Interval(Stimulus("x", law), 1, 0.1), mode="probing", record=tmp_path / "a.h5")
+    ((_, probed),) = load_trace(tmp_path / "a.h5").tools
     assert (probed.alpha, probed.force_exponent) == (0.0, 2.0)
 
 

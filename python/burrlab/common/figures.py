@@ -187,7 +187,7 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         arguments = signature.bind(*args, **kwargs).arguments
         ax, log = arguments.get("ax"), arguments.get("log", False)
         refuse(not isinstance(log, bool | np.bool_), f"log must be True or False, got {log!r}")
-        limits = _freed_limits(_axes_of(ax))
+        limits = _freed_limits(ax)
         drawn = draw(*args, **kwargs)
         for axes in drawn if isinstance(drawn, list) else [drawn]:
             for name, interval in zip("xy", limits.get(axes, ()), strict=False):
@@ -206,26 +206,24 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     return draw_and_finish
 
 
-def _axes_of(ax: Any) -> list[Axes]:
-    """The Axes in the argument `ax` of a plot: of a figure, one, several or none."""
+def _freed_limits(ax: Any) -> dict[Axes, tuple[tuple[float, float], tuple[float, float]]]:
+    """Limits in x and y of the Axes in the argument `ax` of a plot: of a figure, one, several or none.
+
+    Only of those that were drawn on or set; a new plot may now move them.
+    """
     listed = getattr(ax, "axes", ax)
     all_axes = [] if listed is None else list(np.ravel(np.asarray(listed, dtype=object)))
     if wrong := [axes for axes in all_axes if not hasattr(axes, "get_xlim")]:
         raise TypeError(
             f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
         )
-    return all_axes
-
-
-def _freed_limits(all_axes: list[Axes]) -> dict[Axes, tuple[tuple[float, float], tuple[float, float]]]:
-    """Limits in x and y of the Axes that were drawn on or set; a new plot may now move them."""
     limits = {
         axes: (axes.get_xlim(), axes.get_ylim())
         for axes in all_axes
         if axes.has_data() or not (axes.get_autoscalex_on() and axes.get_autoscaley_on())
     }
     for axes in limits:
-        axes.autoscale(axes.has_data() or None)  # type: ignore[arg-type]  # None leaves it as it is
+        axes.autoscale(axes.has_data() or None)  # None leaves it as it is
     return limits
 
 

@@ -481,7 +481,15 @@ def analyse(
     settings, notes = AnalysisSettings(), list[str]()
     if isinstance(data, Protocol):
         settings, notes = data.analysis, list(_missing(data, tasks))
-    settings = _settled(settings, rules, delta, level)
+    refuse(rules is not None and not rules, "rules must hold one at least, got none")
+    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
+    refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
+    given: dict[str, Any] = {
+        "rules": rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules)),
+        "delta": delta and float(delta),
+        "level": level and float(level),
+    }
+    settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
     notes += _notes_on_trials(tasks)
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
@@ -533,21 +541,6 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
         return f"Delta = {delta:g}, as the protocol has it."
     changed = "; ".join(f"{was} when {', '.join(runs)} began" for was, runs in before.items())
     return f"Delta = {delta:g}, as the protocol has it now, and it was {changed}: {counts}."
-
-
-def _settled(
-    settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
-) -> AnalysisSettings:
-    """The protocol's settings, overridden by those that were given."""
-    refuse(rules is not None and not rules, "rules must hold one at least, got none")
-    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
-    refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
-    overrides: dict[str, Any] = {
-        "rules": rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules)),
-        "delta": delta and float(delta),
-        "level": level and float(level),
-    }
-    return replace(settings, **{name: value for name, value in overrides.items() if value is not None})
 
 
 def _experiment_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:

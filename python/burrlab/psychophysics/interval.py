@@ -369,7 +369,10 @@ def render(
     >>> rendered.ended, rendered.duration, rendered.reached
     ('time', 0.5, True)
     """
-    material = _material(interval, mode)
+    one_of("mode", mode, MODES)
+    material = rendered("the stimulus", interval.stimulus)
+    if mode != "drilling":
+        material = Law.of(material).material(material.c_e, 0.0, material.name, material.source)
     refuse(
         interval.duration is None and stop is None,
         "stop must be given where the interval has no duration, got None",
@@ -411,14 +414,6 @@ def render(
         clipped=watch.clipped / max(1, int(ticks["touching"].sum())),
         reached=interval.boundary is None or deepest >= interval.boundary.depth,
     )
-
-
-def _material(interval: Interval, mode: Mode) -> Material:
-    one_of("mode", mode, MODES)
-    material = rendered("the stimulus", interval.stimulus)
-    if mode == "drilling":
-        return material
-    return Law.of(material).material(material.c_e, 0.0, material.name, material.source)
 
 
 class _Watch:

@@ -423,10 +423,30 @@ class ScoredTask(TaskResult[SubjectResult]):
         # Both rules are the same with two intervals.
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
         counts = [subject.counts for subject in used if subject.counts is not None]
+        p_values = [binomial_test(subject) for subject in counts]
+        subject_results = []
+        for subject, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
+            progress(data.name, subject.subject)
+            bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
+            subject_results.append(
+                SubjectResult(
+                    subject=subject.subject,
+                    counts=of_one,
+                    planned=subject.planned,
+                    simulated=subject.simulated,
+                    score_interval=score_interval(of_one, level),
+                    p_value=p,
+                    holm=corrected,
+                    d_prime=tuple(
+                        replace(_of_outcome(*bare, rule=rule, level=level), counts=of_one) for rule in rules
+                    ),
+                    checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
+                )
+            )
         several = len(used) > 1
         tested = rules if counts and delta is not None else ()
         return cls(
-            **shared(data, level, _results(used, rules, level, data.name, progress)),
+            **shared(data, level, tuple(subject_results)),
             task=data.task,
             rules=rules,
             delta=delta,
@@ -565,33 +585,6 @@ class ScoredTask(TaskResult[SubjectResult]):
             "" if self.score is None else f", {self.score.mean:.1f} +- {self.score.sem:.1f} of {self.trials}"
         )
         return f"ScoredTask({self.name!r}, {self.task}, {len(self.subjects)} {'simulated ' * self.simulated}subjects{mean})"
-
-
-def _results(
-    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, task: str, progress: Progress
-) -> tuple[SubjectResult, ...]:
-    counts = [subject.counts for subject in used if subject.counts is not None]
-    p_values = [binomial_test(subject) for subject in counts]
-    subject_results = []
-    for subject, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
-        progress(task, subject.subject)
-        bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
-        subject_results.append(
-            SubjectResult(
-                subject=subject.subject,
-                counts=of_one,
-                planned=subject.planned,
-                simulated=subject.simulated,
-                score_interval=score_interval(of_one, level),
-                p_value=p,
-                holm=corrected,
-                d_prime=tuple(
-                    replace(_of_outcome(*bare, rule=rule, level=level), counts=of_one) for rule in rules
-                ),
-                checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
-            )
-        )
-    return tuple(subject_results)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and many subjects have equal counts

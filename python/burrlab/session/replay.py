@@ -173,7 +173,10 @@ def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
 def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Difference | None:
     unequal_places = []
     for order, name in enumerate(COMPARED):
-        recorded, executed = (_bits(table["burr"][name]) for table in (rows, again))
+        recorded, executed = (
+            np.ascontiguousarray(values).view(np.uint64) if values.dtype.kind == "f" else values
+            for values in (rows["burr"][name], again["burr"][name])
+        )
         unequal = (recorded != executed).reshape(len(rows), rows["burr"].shape[1], -1).any(axis=2)
         unequal_places += [(*place, order, name) for place in np.argwhere(unequal)[:1].tolist()]
     if not unequal_places:
@@ -182,7 +185,3 @@ def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Differ
     return Difference(
         int(rows["index"][row]), burr, name, rows["burr"][name][row, burr], again["burr"][name][row, burr]
     )
-
-
-def _bits(values: NDArray[Any]) -> NDArray[Any]:
-    return np.ascontiguousarray(values).view(np.uint64) if values.dtype.kind == "f" else values

@@ -291,20 +291,17 @@ def plots(folder: Path) -> Any:
             with contextlib.suppress(ValueError):  # a figure that this result lacks
                 made = getattr(one, way)()
                 found[f"{name}.{way}"] = [
-                    _artists(axes) for axes in (made if isinstance(made, list) else [made])
-                ]
+                    {
+                        "labels": [axes.get_xlabel(), axes.get_ylabel()],
+                        "scales": [axes.get_xscale(), axes.get_yscale()],
+                        "lines": [[plain(np.asarray(line.get_xdata())), plain(np.asarray(line.get_ydata()))] for line in axes.lines],
+                        "collections": [[type(c).__name__, plain(np.asarray(c.get_offsets()))] for c in axes.collections],
+                        "images": [plain(np.asarray(image.get_array())) for image in axes.images], "patches": len(axes.patches),
+                    }
+                    for axes in (made if isinstance(made, list) else [made])
+                ]  # fmt: skip
             pyplot.close("all")
     return found
-
-
-def _artists(axes: Any) -> Any:
-    return {
-        "labels": [axes.get_xlabel(), axes.get_ylabel()],
-        "scales": [axes.get_xscale(), axes.get_yscale()],
-        "lines": [[plain(np.asarray(line.get_xdata())), plain(np.asarray(line.get_ydata()))] for line in axes.lines],
-        "collections": [[type(c).__name__, plain(np.asarray(c.get_offsets()))] for c in axes.collections],
-        "images": [plain(np.asarray(image.get_array())) for image in axes.images], "patches": len(axes.patches),
-    }  # fmt: skip
 
 
 # ---- files and wires ----

@@ -34,6 +34,11 @@ def soon(condition, seconds=20.0):
     return bool(condition())
 
 
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
 def published(seconds):
     """A session on a small block that a hand cuts, on a free port."""
     source = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))

@@ -5,11 +5,10 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from command_line import said
+from command_line import result, said
 from label_scenes import labels as label_numbers
 from label_scenes import write_files
 from PIL import Image
@@ -102,10 +101,8 @@ def test_colours_in_no_table_are_told(run: Callable[..., str], capsys: pytest.Ca
     pixels[4, 5:8, :3] = (254, 240, 200)
     Image.fromarray(pixels).save("slices/plane00003.png")
 
-    def result(*words: str) -> Any:
-        return json.loads(run("v.yaml", *words, "--json", "-"))
-
-    assert result()["unknown_colours"] == [
+    told_of = partial(result, capsys, "tissues", "v.yaml")
+    assert told_of()["unknown_colours"] == [
         {"colour": [254, 240, 200], "pixels": 3, "slice": "plane00003.png", "row": 4, "column": 5, "nearest": "EAC", "distance": 20.5}
     ]  # fmt: skip
     assert "colours in no table are refused where a bone is made" in run("v.yaml")
@@ -115,5 +112,5 @@ def test_colours_in_no_table_are_told(run: Callable[..., str], capsys: pytest.Ca
     text = run("v.yaml", "--unknown", "nearest")
     assert "! 3 pixels of 1 colour that are in no table were taken as the nearest colour" in text
     assert "were taken as Bone (EAC 3)" in text
-    assert result("--unknown", "nearest:EAC")["labels"][-1]["voxels"] == 3
-    assert result("--unknown", "10")["labels"][2]["voxels"] == 6339
+    assert told_of("--unknown", "nearest:EAC")["labels"][-1]["voxels"] == 3
+    assert told_of("--unknown", "10")["labels"][2]["voxels"] == 6339

@@ -3,10 +3,11 @@
 import os
 import re
 import signal
+from unittest.mock import Mock
 
 import pytest
 from session_scenes import refused
-from test_study import Item, calls, slowly, work
+from test_study import Item, assert_goes_on, calls, slowly, work
 
 from burrlab.common.study import Store, StudyInterrupted, run_items
 
@@ -85,30 +86,17 @@ def test_a_study_that_kills_its_workers_ends_and_goes_on(executor, tmp_path):
     )
     counted = int(re.findall(r"\d+", str(caught.value))[0])
     assert 6 <= counted <= done < 40, "what comes between the count and the end is kept too"
-    again = tmp_path / "again"
-    again.mkdir()
-    items = [Item(i, str(again)) for i in range(40)]
-    assert run_items(slowly, items, executor=executor, store=path) == [work(Item(i)) for i in range(40)]
-    assert len(calls(again)) == len(set(calls(again))) == 40 - done, "only what is missing"
+    assert_goes_on(slowly, tmp_path / "again", 40, done, executor=executor, store=path)
 
 
 def test_ctrl_c_withdraws_all_in_one_message(client, executor, tmp_path, monkeypatch):
     """One by one takes 3 ms each: a minute for 20 000."""
-    sizes, cancel = [], client.cancel
-
-    def counted(futures, **options):
-        sizes.append(len(futures))
-        cancel(futures, **options)
-
-    def stop(done, total):
-        if done == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(client, "cancel", counted)
+    cancel, third = Mock(wraps=client.cancel), Mock(side_effect=[None, None, KeyboardInterrupt])
+    monkeypatch.setattr(client, "cancel", cancel)
     items, store = [Item(i, str(tmp_path)) for i in range(400)], Store(tmp_path / "s.jsonl")
     with pytest.raises(KeyboardInterrupt):
-        run_items(slowly, items, executor=executor, store=store, progress=stop)
-    assert len(sizes) == 1
+        run_items(slowly, items, executor=executor, store=store, progress=third)
+    assert cancel.call_count == 1
     assert len(store) >= 3
     assert run_items(work, [Item(1)], executor=executor) == [work(Item(1))], "after what had begun"
     assert len(calls(tmp_path)) < 400

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import wire
 from pseudo_terminal import _ADOPT, PseudoTerminal
+from replica_scenes import free_port
 from test_experiment_terminal import SUBJECT, TASK, Subject
 
 import burrlab
@@ -179,8 +180,7 @@ def published(port, seconds=10.0):
 
 
 def test_force_is_published_to_whoever_moves_the_burr(tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     with Poses() as poses:
         more = f'device = "igtl:127.0.0.1:{poses.port}"\npublish = {port}\nlost_after_ms = 1000'
         subject = Subject(tmp_path, trials=4, interval=1.0, more=more)

@@ -46,12 +46,6 @@ def edited(kind, **fields):
     return change
 
 
-def swaying():
-    """A change of the service's messages: x is 0 and 0.1 mm in turns."""
-    x = itertools.cycle((0.0, 1e-4))
-    return lambda message: edited("inverse3", cursor_position={"x": next(x), "y": 0.0, "z": 0.005})(message)
-
-
 def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     device, file = opened(service, on_button=1), tmp_path / "trace.h5"
     assert device.hardware == "inverse3 049D, wireless_verse_grip 61548"
@@ -60,7 +54,10 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     with session(device, record=file) as run:
         assert soon(lambda: run.ticks > 50)
         assert not np.any(service.forces)  # no contact yet
-        ticks, service.change = run.ticks, swaying()
+        ticks, sway = run.ticks, itertools.cycle((0.0, 1e-4))
+        service.change = lambda message: edited(
+            "inverse3", cursor_position={"x": next(sway), "y": 0.0, "z": 0.005}
+        )(message)
         assert soon(lambda: run.ticks > ticks + 100)
         service.change = lambda message: message
         service.position, service.orientation, service.buttons = (0, 0, DEEP), (half, 0, half, 0), {"b": True}

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import wire
-from replica_scenes import soon
+from replica_scenes import free_port, soon
 from session_scenes import refused
 
 from burrlab import (
@@ -51,11 +51,6 @@ def serve(messages):
         thread.start()
         yield listener.getsockname()[1]
     thread.join()
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return listener.getsockname()[1]
 
 
 def device(host, port, **options):

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from unittest.mock import Mock
+from unittest.mock import DEFAULT, Mock, call
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def paper(answers=(), patience=3, seconds=1.25, wall_clock=False):
 
 def seen(seat):
     """All shown texts, in order."""
-    return [call.args[0] for call in seat.method_calls]
+    return [one.args[0] for one in seat.method_calls]
 
 
 def hand(mode):
@@ -125,7 +125,7 @@ def test_whole_run(scene):
     assert {answer.endings for answer in scene.kept} == {("time", "time")}
     np.testing.assert_allclose([a.onset for a in scene.kept], 0.2 * np.arange(10), atol=1e-6)
     np.testing.assert_allclose([answer.duration for answer in scene.kept], 0.2)
-    assert [call.args[1] for call in seat.rest.mock_calls] == [60.0]  # between the blocks, not after practice
+    assert [one.args[1] for one in seat.rest.mock_calls] == [60.0]  # between the blocks, not after practice
     assert "That was practice. Now it counts." in seen(seat)
     assert [text for text in seen(seat) if text.startswith("Trial")] == [
         *(f"Trial {i} of 2, practice" for i in (1, 2)),
@@ -173,20 +173,12 @@ def test_the_protocol_sets_the_keys(scene):
 
 
 def test_each_interval_its_own_seed_bone_and_device(scene):
-    made, felt = [], []
-
-    def device(mode):
-        made.append(hand(mode))
-        return made[-1]
-
-    def spy(interval, device, **options):
-        felt.append((interval.seed, id(device), options["mode"]))
-        return render(interval, device, **options)
-
+    device, spy = Mock(side_effect=hand), Mock(side_effect=render)
     design = SameDifferent(BONE, PVC, trials=4, interval=0.1, mode="drilling")
     scene.run(design, paper(["same"] * 4), device=device, render=spy)
-    assert [len(set(one)) for one in zip(*felt, strict=True)] == [8, 8, 1]
-    assert (felt[0][2], len(made)) == ("drilling", 8)
+    felt = [(*one.args, one.kwargs["mode"]) for one in spy.call_args_list]
+    assert len({interval.seed for interval, *_ in felt}) == len({id(device) for _, device, _ in felt}) == 8
+    assert ({mode for *_, mode in felt}, device.call_count) == ({"drilling"}, 8)
 
 
 @pytest.mark.parametrize(
@@ -278,13 +270,8 @@ def test_a_reference_real_or_rendered_is_felt_to_its_end(scene, reference, match
 
 
 def test_answer_is_kept_before_it_counts(scene):
-    class Full(Kept):
-        def append(self, answer):
-            if len(self) == 1:
-                raise OSError("disk full")
-            super().append(answer)
-
-    order, scene.kept = FOUR.order(seed=1, subject="01"), Full()
+    order, kept = FOUR.order(seed=1, subject="01"), scene.kept
+    kept.append = Mock(wraps=kept.append, side_effect=[DEFAULT, OSError("disk full")])
     refused((lambda: scene.run(FOUR, paper(["same"] * 4), order=order), "disk full"), error=OSError)
     assert len(order.answered) == len(scene.kept) == 1
 
@@ -306,14 +293,12 @@ def test_wall_clock_goes_on_where_the_run_was_and_many_late_ticks_are_told(scene
 
 
 def test_a_device_of_ones_own_renders_every_interval_and_is_named(scene):
-    made, modes = scene.protocol, []
-
-    def rig(mode):
-        modes.append(mode)
-        return burrlab.ScriptedDevice([0, 1], [[0, 0, 2.5]] * 2)
-
+    made = scene.protocol
+    rig = Mock(side_effect=lambda mode: burrlab.ScriptedDevice([0, 1], [[0, 0, 2.5]] * 2))
     assert Sitting(made, "01", device=rig).run(lambda task: paper(["same"] * 4)) == 4
-    assert modes == ["probing"] * 16  # two per interval: one until the burr is lifted, one for the interval
+    assert (
+        rig.mock_calls == [call("probing")] * 16
+    )  # two per interval: one until the burr is lifted, one for the interval
     path = made.data.answers("01", "one")
     assert read_answers(path).counts().trials == 4
     assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"

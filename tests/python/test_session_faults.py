@@ -4,7 +4,6 @@ import gc
 import json
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import threading
@@ -14,6 +13,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from replica_scenes import free_port
 from session_scenes import ended
 from test_session import TOOL, block, session
 
@@ -89,9 +89,7 @@ def test_a_sleep_that_ends_early_is_no_tick(tmp_path):
 
 @pytest.mark.parametrize("kind", [RuntimeError, SystemExit, KeyboardInterrupt])
 def test_a_callback_that_raises_or_wants_to_exit_ends_nothing(tmp_path, kind):
-    def leave(text):
-        raise kind("enough")
-
+    leave = Mock(side_effect=kind("enough"))
     run = ended(lost_soon(on_message=leave, record=tmp_path / "a.h5"))
     assert run.failed
     assert f"on_message failed: {kind('enough')!r}" in run.messages
@@ -170,16 +168,8 @@ def test_full_disk_on_the_virtual_clock(tmp_path, monkeypatch):
 def test_interrupted_start(tmp_path, monkeypatch):
     """After Ctrl-C between the loop's start and the follower's, nothing runs on."""
     run = session(wall_clock=True, realtime=False, record=tmp_path / "a.h5", publish=0)
-
-    class Interrupted:
-        def __getattr__(self, name):
-            return getattr(follower, name)
-
-        def start(self):
-            raise KeyboardInterrupt
-
-    follower = run.follower
-    monkeypatch.setattr(run, "follower", Interrupted())
+    interrupted = Mock(wraps=run.follower, start=Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr(run, "follower", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.start()
     assert (run.reason, run.running) == ("stopped by KeyboardInterrupt", False)
@@ -258,8 +248,7 @@ def test_closed_network_device():
 def test_port_is_free_after_a_refusal(tmp_path):
     """The port is free even while the exception is kept, as notebooks do."""
     (tmp_path / "old.h5").write_text("mine")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     with pytest.raises(FileExistsError) as kept:
         session(publish=port, record=tmp_path / "old.h5")
     session(publish=port).stop()

@@ -12,6 +12,7 @@ import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -58,6 +59,14 @@ def calls(folder) -> list[int]:
     return [int(line) for line in file.read_text().split()] if file.exists() else []
 
 
+def assert_goes_on(function, folder, count, done, **options) -> None:
+    """Asserts that a study of which so many items are done runs those that are missing, each once."""
+    folder.mkdir()
+    items = [Item(i, str(folder)) for i in range(count)]
+    assert run_items(function, items, **options) == [work(Item(i)) for i in range(count)]
+    assert len(calls(folder)) == len(set(calls(folder))) == count - done
+
+
 def processes(n: int = 2) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(n, mp_context=multiprocessing.get_context("spawn"))
 
@@ -96,51 +105,39 @@ def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
         assert run_items(work, items, executor=pool, chunk=chunk) == expected
 
 
-class Here(Executor):
-    """Runs a message at once, and keeps how many items it had."""
-
-    def __init__(self):
-        self.sizes = []
-
-    def submit(self, function, /, *arguments):
-        self.sizes.append(len(arguments[1]))
-        future = Future()
-        future.set_result(function(*arguments))
-        return future
+def at_once(function, *arguments):
+    """A message that is done as it is submitted."""
+    future = Future()
+    future.set_result(function(*arguments))
+    return future
 
 
 def test_short_items_are_sent_many_at_once(monkeypatch):
     """A quarter of a worker's share at most; long items go one by one, and threads get no more at once."""
-    here, items = Here(), range(-500, 500)
+    here, items = Mock(spec=Executor, submit=Mock(side_effect=at_once)), range(-500, 500)
     clock, real = itertools.count(), time.perf_counter
     monkeypatch.setattr(
         time, "perf_counter", lambda: 1e-6 * next(clock)
     )  # a busy machine's items may be long
     assert run_items(abs, items, executor=here) == [abs(i) for i in items]
-    assert here.sizes == [1, 250, 250, 250, 249]
     assert run_items(abs, items, executor=here, chunk=600) == [abs(i) for i in items]
-    assert here.sizes[5:] == [600, 400]
     monkeypatch.setattr(time, "perf_counter", real)
     run_items(slowly, [Item(i) for i in range(20)], executor=here)
-    assert max(here.sizes[7:]) <= 2, "20 ms each"
+    sizes = [len(message.args[2]) for message in here.submit.call_args_list]
+    assert sizes[:7] == [1, 250, 250, 250, 249, 600, 400]
+    assert max(sizes[7:]) <= 2, "20 ms each"
 
 
 def test_what_is_under_way_is_bounded(monkeypatch):
-    class Counted(ThreadPoolExecutor):
-        submitted = 0
-
-        def submit(self, *arguments):
-            self.submitted += 1
-            return super().submit(*arguments)
-
     def ahead(i):
-        while i == 0 and pool.submitted < 5:
+        while i == 0 and pool.submit.call_count < 5:
             time.sleep(0.001)
         time.sleep(0.005)
-        return pool.submitted - i
+        return pool.submit.call_count - i
 
     monkeypatch.setattr("burrlab.common.study._AHEAD", 5)
-    with Counted(1) as pool:
+    with ThreadPoolExecutor(1) as pool:
+        monkeypatch.setattr(pool, "submit", Mock(wraps=pool.submit))
         assert max(run_items(ahead, range(40), executor=pool)) == 5
 
 
@@ -205,11 +202,7 @@ def test_a_worker_that_is_killed_loses_nothing_finished(tmp_path):
     )
     assert caught.match(message)
     assert caught.match(r"s\.jsonl, run again with the same store to go on$")
-    again = tmp_path / "again"
-    again.mkdir()
-    items = [Item(i, str(again)) for i in range(30)]
-    assert run_items(work, items, store=path) == [work(Item(i)) for i in range(30)]
-    assert len(calls(again)) == len(set(calls(again))) == 30 - done, "only what is missing"
+    assert_goes_on(work, tmp_path / "again", 30, done, store=path)
 
 
 def test_an_executor_that_is_shut_down():

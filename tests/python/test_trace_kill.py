@@ -1,6 +1,6 @@
 """Traces of the real loop replay to their end: killed sessions, two burrs on one bone, a disk that hangs."""
 
-import multiprocessing
+import contextlib
 import os
 import struct
 import subprocess
@@ -91,31 +91,15 @@ def test_killed_sessions_replay_to_their_end(nursery, tmp_path, capsys):
     killed(nursery, tmp_path, 6, np.random.default_rng(1), capsys, "SIGKILL")
 
 
-def busy():
-    while True:
-        pass
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("load", [0, 2])
 def test_a_hundred_killed_sessions(nursery, tmp_path, capsys, load):
-    context = multiprocessing.get_context("spawn")
-    others = [context.Process(target=busy, daemon=True) for _ in range(load)]
-    try:
-        for other in others:
-            other.start()
-        killed(
-            nursery,
-            tmp_path,
-            100,
-            np.random.default_rng(2 + load),
-            capsys,
-            f"SIGKILL beside {load} busy processes",
-        )
-    finally:
-        for other in others:
-            other.kill()
-            other.join()
+    with contextlib.ExitStack() as others:
+        for _ in range(load):
+            busy = others.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            others.callback(busy.kill)
+        title = f"SIGKILL beside {load} busy processes"
+        killed(nursery, tmp_path, 100, np.random.default_rng(2 + load), capsys, title)
 
 
 def test_a_kill_between_any_two_writes(tmp_path, monkeypatch):

@@ -46,32 +46,27 @@ def group(random, slope=-0.4, between=0.2, subjects=8, error=0.2, references=REF
 
 
 @pytest.mark.parametrize(
-    ("seed", "between", "lmer"),
+    ("seed", "between", "lmer", "with_sessions"),
     [
-        (3, 0.4, (-0.3877456, 0.2350458, 6.9941, 0.1430357, 0.6566668)),
-        (4, 0.2, (-0.3211677, 0.0960271, 7.0720, 0.0121580, 0.2569328)),
+        (3, 0.4, (-0.3877456, 0.2350458, 6.9941, 0.1430357, 0.6566668), (-0.45302368, 0.24224201)),
+        (4, 0.2, (-0.3211677, 0.0960271, 7.0720, 0.0121580, 0.2569328), (-0.36887706, 0.10799310)),
     ],
 )
-def test_beside_lmer(seed, between, lmer):
-    """lmerTest 3.1-3: lmer(log(W) ~ log(p0/2) + (log(p0/2) | subject), weights = 1/se^2), Satterthwaite."""
-    slope = SensitivityFunction.of(group(np.random.default_rng(seed), between=between)).slope
+def test_beside_lmer(seed, between, lmer, with_sessions):
+    """lmerTest 3.1-3: lmer(log(W) ~ log(p0/2) + (log(p0/2) | subject), weights = 1/se^2), Satterthwaite.
+
+    Then with `+ session`, where the session changes with the reference: the slopes' errors are shared.
+    """
+    rows = group(np.random.default_rng(seed), between=between)
+    slope = SensitivityFunction.of(rows).slope
     estimate, error, freedom, p, apart = lmer
     assert slope.mean == pytest.approx(estimate, abs=0.02 * error)
     assert (slope.error, slope.between) == pytest.approx((error, apart), rel=0.01)
     assert slope.p_value() == pytest.approx(p, rel=0.03)
     assert slope.subjects - 1 == pytest.approx(freedom, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("seed", "between", "estimate", "error"),
-    [(3, 0.4, -0.45302368, 0.24224201), (4, 0.2, -0.36887706, 0.10799310)],
-)
-def test_beside_lmer_with_sessions(seed, between, estimate, error):
-    """As above with `+ session`, where the session changes with the reference: the slopes' errors are shared."""
-    rows = group(np.random.default_rng(seed), between=between)
     slope = SensitivityFunction.of([replace(row, session=str(row.reference > 3.0)) for row in rows]).slope
-    assert slope.mean == pytest.approx(estimate, abs=0.02 * error)
-    assert slope.error == pytest.approx(error, rel=0.005)
+    assert slope.mean == pytest.approx(with_sessions[0], abs=0.02 * with_sessions[1])
+    assert slope.error == pytest.approx(with_sessions[1], rel=0.005)
 
 
 def test_alike_subjects_have_students_interval():
@@ -444,11 +439,6 @@ def test_few_thresholds_that_differ_much_have_an_open_interval():
     assert task.plot_thresholds().get_xlim()[1] < 20
 
 
-def binomial_limits(held, sets):
-    """Whether the share that held its 95 % interval is too small to be chance, or much above."""
-    return binom.ppf(0.001, sets, 0.95) <= held <= binom.ppf(0.999, sets, 0.97)
-
-
 def slopes_held(slope, subjects, between, sets, random, nested=False):
     """How many groups' intervals hold the slope; the error of the mean; a line of these figures."""
     means = []
@@ -561,27 +551,22 @@ def test_from_trials(kind):
               f"left out {left_out / sets / 30:.1%}")  # fmt: skip
         assert abs(bias) < 0.05
         total += held
-    assert binomial_limits(total, 3 * sets), total
+    # not too few to be chance, nor many more
+    assert binom.ppf(0.001, 3 * sets, 0.95) <= total <= binom.ppf(0.999, 3 * sets, 0.97), total
 
 
 @pytest.mark.slow
 def test_trials_at_the_ends_know_a_slope_better():
     """300 trials of a subject, a fifth in the middle and the rest at the ends, beside five equal references."""
     bone, sets, variance = Stimulus("bone", burrlab.materials["bone"]), 1000, Counter()
-
-    def plan(trials, references, design):
-        return [(float(p0), design(n)) for n, p0 in zip(trials, references, strict=True)]
-
-    def up_down(n):
-        return Staircase(bone, "c_e", start=2.5, trials=n, reversals=2 * (n // 2))
-
-    def adaptive(n):
-        return AdaptiveStaircase(bone, "c_e", levels=(1.02, 3.0), trials=n)
-
+    up_down = Staircase(bone, "c_e", start=2.5, trials=60, reversals=60)
+    adaptive = AdaptiveStaircase(bone, "c_e", levels=(1.02, 3.0), trials=60)
     plans = {
-        "up-down, equal": plan([60] * 5, np.geomspace(0.25, 4.0, 5), up_down),
-        "adaptive, equal": plan([60] * 5, np.geomspace(0.25, 4.0, 5), adaptive),
-        "adaptive, the ends": plan([120, 60, 120], (0.25, 1.0, 4.0), adaptive),
+        "up-down, equal": [(p0, up_down) for p0 in np.geomspace(0.25, 4.0, 5).tolist()],
+        "adaptive, equal": [(p0, adaptive) for p0 in np.geomspace(0.25, 4.0, 5).tolist()],
+        "adaptive, the ends": [
+            (p0, replace(adaptive, trials=n)) for p0, n in ((0.25, 120), (1.0, 60), (4.0, 120))
+        ],
     }
     for slope, (name, tasks) in itertools.product((-0.5, 0.0, 0.5), plans.items()):
         random, found = np.random.default_rng(4), []

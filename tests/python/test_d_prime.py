@@ -137,26 +137,22 @@ def test_the_estimate_is_the_rates_own_d_prime():
 
 
 @pytest.mark.parametrize("method", ["exact", "profile"])
-def test_no_more_hits_than_false_alarms(method):
-    result = d_prime(Counts("same-different", 2, 6, 3, 6), rule=DIFFERENCING, method=method)
-    assert (result.estimate, result.interval[0], result.standard_error) == (0.0, 0.0, None)
-    assert 0.0 < result.interval[1] < math.inf
-
-
-@pytest.mark.parametrize("method", ["exact", "profile"])
-def test_perfect_score(method):
-    result = d_prime(Counts("abx", 5, 5, 0, 5), rule=DIFFERENCING, method=method)
-    assert (result.estimate, result.interval[1], result.standard_error) == (math.inf, math.inf, None)
-    assert result.interval[0] > 0.0
-    assert "open)" in str(result)
-
-
-@pytest.mark.parametrize("method", ["exact", "profile"])
-@pytest.mark.parametrize("numbers", [(6, 6, 6, 6), (0, 6, 0, 6), (4, 6, 0, 0), (0, 0, 2, 6)])
-def test_nothing_learnt(method, numbers):
-    result = d_prime(Counts("same-different", *numbers), rule=DIFFERENCING, method=method)
-    assert (result.undetermined, result.interval) == (True, (0.0, math.inf))
-    assert "say nothing of d'" in str(result)
+@pytest.mark.parametrize(
+    ("task", "numbers", "estimate", "holds_zero", "is_open", "said"),
+    [
+        ("same-different", (2, 6, 3, 6), 0.0, True, False, "d' 0.00"),  # no more hits than false alarms
+        ("abx", (5, 5, 0, 5), math.inf, False, True, "open)"),  # a perfect score
+        *(("same-different", numbers, 0.0, True, True, "say nothing of d'")
+          for numbers in ((6, 6, 6, 6), (0, 6, 0, 6), (4, 6, 0, 0), (0, 0, 2, 6))),
+    ],
+)  # fmt: skip
+def test_ends_of_the_scale(method, task, numbers, estimate, holds_zero, is_open, said):
+    result = d_prime(Counts(task, *numbers), rule=DIFFERENCING, method=method)
+    assert (result.estimate, result.standard_error) == (estimate, None)
+    assert (result.interval[0] == 0.0, result.interval[1] == math.inf) == (holds_zero, is_open)
+    assert 0.0 <= result.interval[0] < result.interval[1]
+    assert said in str(result)
+    assert result.undetermined == (holds_zero and is_open)
 
 
 def test_the_standard_error_is_the_scatter_of_many_trials(law):

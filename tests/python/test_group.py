@@ -383,18 +383,18 @@ def same_different(aa: int, bb: int, ab: int, ba: int, n: int = 12) -> Counts:
     return Counts("same-different", ab + ba, 2 * n, aa + bb, 2 * n, by_type=types)
 
 
-@pytest.mark.parametrize("numbers", [(0, 7, 9, 8), (1, 5, 6, 11), (0, 0, 12, 12)])
-def test_pairs_of_one_subject_are_fishers(numbers):
-    noise, order = pair_checks(same_different(*numbers))
-    for check, (n, m) in ((noise, numbers[:2]), (order, numbers[2:])):
-        assert check.counts == ((n, 12), (m, 12))
-        assert check.p_value == pytest.approx(fisher_exact([[n, 12 - n], [m, 12 - m]]).pvalue)
-
-
-def test_the_check_of_positions():
-    (check,) = pair_checks(Counts("abx", 10, 12, 8, 14))
-    assert check.counts == ((10, 12), (6, 14))
-    assert check.p_value == pytest.approx(fisher_exact([[10, 2], [6, 8]]).pvalue)
+@pytest.mark.parametrize(
+    ("counts", "tables"),
+    [
+        *((same_different(aa, bb, ab, ba), [((aa, 12), (bb, 12)), ((ab, 12), (ba, 12))])
+          for aa, bb, ab, ba in ((0, 7, 9, 8), (1, 5, 6, 11), (0, 0, 12, 12))),
+        (Counts("abx", 10, 12, 8, 14), [((10, 12), (6, 14))]),
+    ],
+)  # fmt: skip
+def test_checks_of_one_subject_are_fishers(counts, tables):
+    for check, ((n, trials), (m, others)) in zip(pair_checks(counts), tables, strict=True):
+        assert check.counts == ((n, trials), (m, others))
+        assert check.p_value == pytest.approx(fisher_exact([[n, trials - n], [m, others - m]]).pvalue)
 
 
 @pytest.mark.parametrize(

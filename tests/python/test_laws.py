@@ -121,6 +121,20 @@ class TestLikelihood:
 
 
 class TestAnswers:
+    def test_a_tare_that_is_told_contradicts_no_law(self):
+        (curve,) = laboratory(Law())
+        curve = VelocityCurve(curve.force - 0.05, curve.velocity, radius=3.0)
+        silent, told = (compare_laws(curve, laws=["paper"], uncertain=x) for x in (None, {"force": 0.04}))
+        assert [bool(x["paper"].contradicted) for x in (silent, told)] == [True, False]
+        assert [Law().slope in x.exponents["s"].intervals["95"] for x in (silent, told)] == [False, True]
+        wrong = fit(laboratory(Law()), law="quartic", uncertain={"force": 0.03})
+        assert wrong.status in (
+            "implausible",
+            "poor-fit",
+        )  # its best offset moves the bound of c_e past the walk's best
+        pressed = laboratory(Law(), pressed=12)
+        refused((lambda: compare_laws(pressed, uncertain={"force": 0.04}), "go with velocities alone"))
+
     @pytest.mark.parametrize("name", TRUE)
     def test_the_law_of_the_data_is_left(self, name):
         law = TRUE[name]

@@ -192,11 +192,12 @@ LAYOUT = OptionGroup("files of another program, all of the same layout", (
     ),
     option("--specimen", "heading of the labels of specimens"),
 ))  # fmt: skip
+_UNCERTAIN = option(
+    "--uncertain", "standard deviations of offsets of force [N], surface and radius [mm], one offset a data set, or one "
+    "a label of a group: surface=0.05,force=0.02:day", type=_sizes, metavar="NAME=SIZE[:GROUP],...",
+)  # fmt: skip
 _OFFSETS = OptionGroup("what is not quite known (docs/fit.md)", (
-    option(
-        "--uncertain", "standard deviations of offsets of force [N], surface and radius [mm], one offset a data set, or one "
-        "a label of a group: surface=0.05,force=0.02:day", type=_sizes, metavar="NAME=SIZE[:GROUP],...",
-    ),
+    _UNCERTAIN,
     option(
         "--estimate", "offsets that the data shall tell: force, radius, and order (a drift from run to run)",
         type=lambda text: text.split(","), default=[], metavar="NAME,...",
@@ -360,6 +361,7 @@ COMMANDS = {
             type=lambda text: text.split(","), metavar="NAME,...",
         ),
         option("--level", "at which a law is contradicted, default 0.95", type=positive, default=0.95),
+        _UNCERTAIN,
         option("--residuals", "default relative", choices=["relative", "sigma"], default="relative"),
         LAYOUT,
         *OUTPUT,

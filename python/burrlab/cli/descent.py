@@ -177,8 +177,9 @@ def do_compare(options: Options) -> None:
 def do_laws(options: Options) -> None:
     named = {} if options.laws is None else {"laws": options.laws}
     result = burrlab.compare_laws(
-        _data(options), level=options.level, residuals=options.residuals, progress=on_terminal(), **named
-    )
+        _data(options), level=options.level, residuals=options.residuals, uncertain=options.uncertain,
+        progress=on_terminal(), **named,
+    )  # fmt: skip
     deliver(options, result.to_dict(), result.report(), lambda: result.plot()[0])
 
 

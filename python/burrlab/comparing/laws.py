@@ -19,6 +19,7 @@ from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, Law
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
+from burrlab.fitting.linear import Uncertain
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Interval
@@ -502,6 +503,7 @@ def compare_laws(
     level: float = 0.95,
     residuals: Literal["relative", "sigma"] = "relative",
     groups: Sequence[str] | None = None,
+    uncertain: Uncertain | None = None,
     progress: Progress | None = None,
 ) -> LawComparison:
     """Which law of force and rate the data follow: F ~ h^q, a rate ~ F^m, and f = (1 - x^2)^k or another shape.
@@ -526,6 +528,9 @@ def compare_laws(
         Log-normal velocities of one scatter, or of scatter sigma/v.
     groups : sequence of str, optional
         As for `fit`; their variances are those of the best law's fit.
+    uncertain : dict, optional
+        Standard deviations of offsets, as for `fit`, of velocities without indentation: rows are linear in them about
+        the best law's fit.
     progress : callable or True, optional
         Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
@@ -538,8 +543,8 @@ def compare_laws(
     TypeError
         If data or burr has another type.
     ValueError
-        If laws is empty or names one twice or an unknown one, level is not between 0 and 1, sigma is missing, or
-        `fit` refuses the data.
+        If laws is empty or names one twice or an unknown one, level is not between 0 and 1, sigma is missing, an
+        offset is given with an indentation, or `fit` refuses the data.
 
     Notes
     -----
@@ -566,12 +571,16 @@ def compare_laws(
         residuals not in ("relative", "sigma"), f"residuals must be 'relative' or 'sigma': got {residuals!r}"
     )
     report_progress, steps = counter(progress, "laws"), 2 * len(named) + 1
-    options: dict[str, Any] = {"residuals": residuals, "groups": groups}
+    options: dict[str, Any] = {"residuals": residuals, "groups": groups, "uncertain": uncertain}
     first = _first_fit(data, burr, named, options)
+    refuse(
+        bool(uncertain) and len(first.observations.pressed) > 0,
+        "uncertain offsets go with velocities alone: leave out the indentation",
+    )
     fits = {
         name: fit(data, burr, law=law, **options)
         for name, law in named.items()
-        if law and first.observations.groups
+        if law and isinstance(first.likelihood, MixedLikelihood)
     }
     # the best law's
     effects = min(fits.values(), key=lambda x: x.aic) if fits else None

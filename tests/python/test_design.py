@@ -353,6 +353,7 @@ class TestResult:
             "static must be depths above 0 and below 2R = 6 mm: got") for depths in ([0.0], [0.1, 6.0], [NAN])),
         ({"static": 0.2, "static_radius": 0.0}, "static_radius must be finite and above 0 mm: got"),
         ({"scatter": 0.0}, "scatter must be finite and above 0: got 0.0"),
+        ({"scatter": [0.1, 0.2]}, "scatter must be a single number"),
         ({"static": 0.2, "static_scatter": -1.0}, "static_scatter must be finite and above 0: got -1.0"),
     ],
 )  # fmt: skip

@@ -217,7 +217,14 @@ def test_what_is_refused_makes_no_frame_and_an_unknown_parameter_no_effects() ->
     effects = Effects(bone_with_tissues(), seed=1)
     refused((lambda: effects.step(0.05, decision=(100, 2, 3)), "done of a decision"))
     assert effects.report().frames == 0
-    refused((lambda: EffectParameters(dust_rate=1.0), "no parameter 'dust_rate'", TypeError))
+    refused(
+        (lambda: EffectParameters(dust_rate=1.0), "no parameter 'dust_rate'", TypeError),
+        (
+            lambda: Effects(bone_with_tissues(), nozzle=3),
+            "nozzle must be a Nozzle, such as Nozzle",
+            TypeError,
+        ),
+    )
 
 
 def hide(effects: Effects, place, radius: float) -> float:

@@ -444,7 +444,9 @@ def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Seque
     )
     named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
     refuse(
-        isinstance(names, str) or not len(set(named)) == len(named) == len(fits),
+        isinstance(names, str)
+        or not all(isinstance(name, str) for name in named)
+        or not len(set(named)) == len(named) == len(fits),
         f"names must be {len(fits)} different texts: got {names!r}",
     )
     return named

@@ -190,8 +190,13 @@ class Effects(_core.Effects):
         sucker: Sucker | None = None,
         budget: float | None = None,
     ) -> None:
-        if camera is not None:
-            require_type("camera", camera, Camera, "Camera((0, -40, 60), (0, 0, 0))")
+        for name, part, kind, example in (
+            ("camera", camera, Camera, "Camera((0, -40, 60), (0, 0, 0))"),
+            ("nozzle", nozzle, Nozzle, "Nozzle()"),
+            ("sucker", sucker, Sucker, "Sucker()"),
+        ):
+            if part is not None:
+                require_type(name, part, kind, example)
         self.parameters = EffectParameters() if parameters is None else parameters
         self.seed = seed_or_new(seed)
         self.budget = budget

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
-from burrlab.common.check import refuse, require_type, seed_or_new, whole
+from burrlab.common.check import refuse, require_type, scalar, seed_or_new, whole
 from burrlab.common.figures import REFERENCE, Axes, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
@@ -496,7 +496,7 @@ def _depths(fit: Fit, static: ArrayLike | None, radius: float | None) -> tuple[F
 
 def _scatter(fit: Fit, scatter: float | None) -> float:
     if scatter is not None:
-        return float(_positive("scatter", scatter, "")[0])
+        return float(_positive("scatter", scalar(scatter, "scatter"), "")[0])
     refuse(
         fit.residual_kind != "relative",
         f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals",
@@ -507,6 +507,6 @@ def _scatter(fit: Fit, scatter: float | None) -> float:
 
 def _static_scatter(fit: Fit, scatter: float | None) -> float:
     if scatter is not None:
-        return float(_positive("static_scatter", scatter, "")[0])
+        return float(_positive("static_scatter", scalar(scatter, "static_scatter"), "")[0])
     values = [s.value for s in fit._evidence().scatters if s.name == "force" and not s.known]
     return float(np.hypot(values[0], MODEL_ERROR)) if values else _STATIC_SCATTER

@@ -16,7 +16,7 @@ from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.bone.phantom.shapes import Floats, Grid, Singles, distance_to, ellipsoid, lattice_around, share
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
 from burrlab.bone.tissues import default_tissues
-from burrlab.common.check import check_memory, real, refuse
+from burrlab.common.check import check_memory, real, refuse, require_type
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.table import by_value
 
@@ -202,6 +202,7 @@ def temporal_bone(
     >>> phantom.bone.shape
     (20, 20, 20)
     """
+    require_type("material", material, Material, "burrlab.materials['bone']")
     report = reporter(progress, "phantom")
     spacing, grid = _checked_grid(voxel, size, corner, side)
     seed = operator.index(seed)

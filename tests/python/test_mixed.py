@@ -685,8 +685,10 @@ class TestPairs:
             v = v * np.exp(0.05 * random.normal(size=len(v)))
             specimen = np.repeat(np.arange(n), len(forces))
             fits.append(burrlab.fit(VelocityCurve(np.tile(forces, n), v, radius=3.0, specimen=specimen)))
-        p, q = (burrlab.compare(*pair).pairs[0].joint for pair in (fits, fits[::-1]))
+        first, second = (burrlab.compare(*pair).pairs[0] for pair in (fits, fits[::-1]))
         assert [x.intervals["c_e"]["95"].closed for x in fits] == [True, closed]
+        assert 1.0 in first.velocity.at_middle.interval
+        p, q = first.joint, second.joint
         assert (p.p_value, p.freedom[1]) == pytest.approx((q.p_value, q.freedom[1]), rel=1e-3)
         assert p.p_value > ERROR
         assert p.freedom[1] < 2 * n

@@ -70,16 +70,30 @@ class Paired:
         if not (pairing or shared) or not {a.residual_kind, b.residual_kind} <= {"relative", "sigma"}:
             return None
         closed = [x.intervals["c_e"]["95"].closed for x in (a, b)]
-        points, alike = [(x.c_e, x.alpha) for x in (a, b)], closed[0] is closed[1]
-        fitted = _fitted_jointly((a.likelihood, b.likelihood), points, shared, not all(closed), alike)
         most = 1.0 if max(common.values(), default=0) == 2 else np.inf
-        return cls(" and ".join(pairing), not all(closed), *fitted, most)
+
+        def fitted(one_c_e: bool, alike: bool) -> "Paired":
+            points = [(x.c_e, x.alpha) for x in (a, b)]
+            jointly = _fitted_jointly((a.likelihood, b.likelihood), points, shared, one_c_e, alike)
+            return cls(" and ".join(pairing), one_c_e, *jointly, most)
+
+        pair = fitted(not all(closed), closed[0] is closed[1])
+        # a set alone has another c_e, from a second minimum, but both can have one: there it is as if open
+        return fitted(True, False) if pair.far_from_linear and pair.joint.p_value > ERROR else pair
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
         variance, nu = self.calibration.variance(direction)
         nu = min(nu, self.most_freedom) if direction[1] else nu
         return LinearDifference(float(direction @ self.change), variance**0.5, nu)
+
+    @property
+    def far_from_linear(self) -> bool:
+        """Whether the squares rise by less than half of what the change and its covariance say."""
+        if self.one_c_e:
+            return False
+        foretold = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
+        return self.rise < 0.5 * foretold
 
     @property
     def joint(self) -> HypothesisTest:

@@ -208,7 +208,11 @@ def test_report_figure_and_json():
         (lambda: compare(A, fit(B.curve, bounds={"c_e": (1, 9)})), ValueError, "needs fits without bounds"),
         (lambda: compare(A, B, margin=20), ValueError, "at most 1, where 0.2 is 20 %: got 20"),
         (lambda: compare(A, B, names=["x", "x"]), ValueError, "names must be 2 different texts"),
-        (lambda: compare(A, B, names=[None, 1]), ValueError, r"names must be 2 different texts: got \[None, 1\]"),
+        (
+            lambda: compare(A, B, names=[None, 1]),
+            ValueError,
+            r"names must be 2 different texts: got \[None, 1\]",
+        ),
     ],
 )
 def test_what_is_refused(call, error, match):

@@ -320,8 +320,8 @@ def compare(
     or specimens, and shared offsets, are one for both sets, and the differences of log c_e and log alpha are those
     of one mixed model, in which the difference may vary from pair to pair: with the same runs in each it is the paired
     t test. The joint test is of how much the rows' squares rise where both sets have one c_e and alpha; where a set
-    leaves c_e open, or has it from a second minimum, both have one c_e, and the test is of alpha. A set of one day or specimen, where the other has
-    others, allows no decision.
+    leaves c_e open, or has it from a second minimum, both have one c_e, and the test is of alpha. A set of one day or
+    specimen, where the other has others, allows no decision.
 
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
     one-sided tests at 5 %, which need no correction for the number of forces (intersection-union).

@@ -276,13 +276,12 @@ def _fitted_jointly(
         """Of the rows, at one c_e and the best alpha of both."""
         at_c_e = np.column_stack([np.full(2, log_c_e), logs[:, 1]])
         there = MixedEquations(model_at(at_c_e), equations.scatter2, equations.effect2)
-        held = np.array(
-            [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 1]]
-        )  # of the step: both of c_e, one of alpha
+        # of the step: both of c_e, one of alpha
+        held = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 1]])
         off = held @ (there.solution[-4:] - [0, logs[0, 1], 0, logs[1, 1]])
         return there.squares + float(off @ np.linalg.solve(held @ there.M[-4:, -4:] @ held.T, off))
 
-    low = max(common - _NEAR, float(np.log(hard.max())) + EDGE)
+    low = max(common - _NEAR, float(np.log(least)) + EDGE)
     best = scipy.optimize.minimize_scalar(squares, bounds=(low, common + _NEAR), method="bounded")
     return logs[1] - logs[0], difference_of(equations), max(float(best.fun) - equations.squares, 0.0)
 

@@ -545,11 +545,10 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             effect2[estimated] += part * step[len(free) :]
             effect2 = np.maximum(effect2, at_least)
             trial = MixedEquations(last.model, scatter2, effect2)
-            nearer = (
-                abs(step @ trial.score()) < abs(step @ score)
-                if close
-                else trial.criterion() < last.criterion()
-            )
+            if close:
+                nearer = bool(abs(step @ trial.score()) < abs(step @ score))
+            else:
+                nearer = trial.criterion() < last.criterion()
             if nearer and (below is None or trial.definite):
                 equations = trial
                 break

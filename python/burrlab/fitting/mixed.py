@@ -96,9 +96,8 @@ def at_best_variances(
                 _, low, high = _reach(likelihood.observations, component)
                 shifts[block] = np.clip(effects[block], low, high)
         moved = moved_by(likelihood, components, shifts)
-        low = float(moved.observations.c_e_bounds().max()) * (
-            1 + EDGE
-        )  # the best offset may have moved the bound
+        # the best offset may have moved the bound
+        low = float(moved.observations.c_e_bounds().max()) * (1 + EDGE)
         if place[0] < low:
             place = low, place[1] * (low / place[0]) ** likelihood.model.law.ridge_exponent
         equations = reml(LinearModel(moved, components, place, shifts), mixed.equations)

@@ -688,6 +688,7 @@ class TestPairs:
         first, second = (burrlab.compare(*pair).pairs[0] for pair in (fits, fits[::-1]))
         assert [x.intervals["c_e"]["95"].closed for x in fits] == [True, closed]
         assert 1.0 in first.velocity.at_middle.interval
+        assert [1.0 in first.ratios[name].interval for name in ("c_e", "alpha")] == [True, True]
         p, q = first.joint, second.joint
         assert (p.p_value, p.freedom[1]) == pytest.approx((q.p_value, q.freedom[1]), rel=1e-3)
         assert p.p_value > ERROR

@@ -1,7 +1,7 @@
 """Whether data sets are of one material: ratios of their constants, a joint test, equivalent velocities."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from itertools import combinations
@@ -320,7 +320,8 @@ def compare(
     or specimens, and shared offsets, are one for both sets, and the differences of log c_e and log alpha are those
     of one mixed model, in which the difference may vary from pair to pair: with the same runs in each it is the paired
     t test. The joint test is of how much the rows' squares rise where both sets have one c_e and alpha; where a set
-    leaves c_e open, or has it from a second minimum, both have one c_e, and the test is of alpha. A set of one day or
+    leaves c_e open, or has it from a second minimum, both have one c_e, and the test is of alpha. With a second minimum
+    the ratios of c_e and alpha are of the sets apart, and made to hold 1 where the test does. A set of one day or
     specimen, where the other has others, allows no decision.
 
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
@@ -385,7 +386,7 @@ def compare(
         pairs=tuple(
             ComparedPair(
                 names=(named[i], named[k]),
-                ratios={"c_e": of_c_e[n]} | _ratios(sides[i], sides[k], linear[n], exponent, level),
+                ratios=_ratios(sides[i], sides[k], of_c_e[n], linear[n], exponent, level),
                 joint=joint[n],
                 p_differ=p_differ[n],
                 velocity=velocities[n],
@@ -602,17 +603,24 @@ def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
     return Ratio(float(np.exp(np.clip(difference.value, -ENDLESS, ENDLESS))), Interval(lower, upper))
 
 
-def _ratios(a: _Side, b: _Side, pair: Paired | None, exponent: float, level: float) -> dict[str, Ratio]:
-    """Ratios of alpha and the combination; of c_e too where effects are shared."""
+def _ratios(
+    a: _Side, b: _Side, of_c_e: Ratio, pair: Paired | None, exponent: float, level: float
+) -> dict[str, Ratio]:
+    """Ratios of c_e, which is known as of two sets apart, alpha and the combination."""
     directions = {"alpha": ALPHA, "combination": np.array([-exponent, 1.0])}
     if pair is not None and not pair.one_c_e:
         return {name: _ratio(pair.along(d), level) for name, d in ({"c_e": C_E} | directions).items()}
-    ratios = {
+    ratios = {"c_e": of_c_e} | {
         name: _ratio(_LogRatio(*(side.ends(d[0] * side.x, d) for side in (a, b))), level)
         for name, d in directions.items()
     }
     if pair is not None:
         ratios["combination"] = _ratio(pair.along(directions["combination"]), level)
+    if pair is not None and pair.allows_one_c_e:
+        for name in ("c_e", "alpha"):  # the sets apart may exclude what the joint test allows
+            lower, upper = ratios[name].interval.lower, ratios[name].interval.upper
+            interval = Interval(lower and min(lower, 1.0), upper and max(upper, 1.0))
+            ratios[name] = replace(ratios[name], interval=interval)
     return ratios
 
 

@@ -61,6 +61,7 @@ class Paired:
     calibration: MixedCalibration
     rise: float  # of the rows' squares where c_e and alpha are common to both
     most_freedom: float = np.inf  # of alpha: 1 of two pairs, which tell their variance too badly for any rule
+    allows_one_c_e: bool = False  # though each set has a c_e of its own
 
     @classmethod
     def of(cls, a: FitRecord, b: FitRecord, shared: Sequence[str]) -> "Paired | None":
@@ -79,7 +80,9 @@ class Paired:
 
         pair = fitted(not all(closed), closed[0] is closed[1])
         # a set alone has another c_e, from a second minimum, but both can have one: there it is as if open
-        return fitted(True, False) if pair.far_from_linear and pair.joint.p_value > ERROR else pair
+        if pair.far_from_linear and pair.joint.p_value > ERROR:
+            return replace(fitted(True, False), allows_one_c_e=True)
+        return pair
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""

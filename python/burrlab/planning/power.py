@@ -17,7 +17,7 @@ from burrlab.common.table import by_value
 from burrlab.comparing.paired import ERROR, JointModel, difference_of
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.linear import MixedEquations
+from burrlab.fitting.linear import LinearModel, MixedEquations, components_of
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit
@@ -194,8 +194,8 @@ def compare_power(
     -----
     The test is that of `burrlab.compare`: one c_e and alpha in both sets, with rows that are linear about the fit. Of
     pairs it is averaged over the estimated variance of the difference, which decides the limit; of specimens that
-    each drill has for itself its statistic is a noncentral F with the degrees of freedom that Kenward and Roger's
-    rule gives at the true variances. Both drills go through the same forces in each specimen (docs/inference.md has
+    each drill has for itself its statistic is a noncentral F with the limits and degrees of freedom that the fits to
+    both would have at the true variances. Both drills go through the same forces in each specimen (docs/inference.md has
     powers of simulated comparisons beside these).
 
     Examples
@@ -304,33 +304,33 @@ def _power(
 ) -> float:
     """Probability that a comparison of given size finds the difference."""
     labels = np.repeat(np.arange(n), len(force)).astype(str)
-    curves = [
-        VelocityCurve(
-            np.tile(force, n),
-            np.ones(n * len(force)),
-            radius=fit.radius,
-            groups={unit: labels if way == "paired" else np.char.add(drill, labels)},
-        )
-        for drill in ("A", "B")
-    ]
-    rows = [Observations.of([curve], None, None, fit.law) for curve in curves]
-    likelihoods = [Likelihood(o, "relative", MeanFieldModel(o, fit.shape)) for o in rows]
-    model = JointModel(likelihoods, [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)], ())
+    curve = VelocityCurve(
+        np.tile(force, n), np.ones(n * len(force)), radius=fit.radius, groups={unit: labels}
+    )
+    o, point, change = (
+        Observations.of([curve], None, None, fit.law),
+        (fit.c_e, fit.alpha),
+        np.log([1.0, ratio]),
+    )
+    likelihood = Likelihood(o, "relative", MeanFieldModel(o, fit.shape))
+    if way == "apart":  # each set has the limits of its own fit
+        effects = components_of(o)
+        effect2 = np.array([between[x.quantity] ** 2 for x in effects])
+        model = LinearModel(likelihood, effects, point, np.zeros(n * len(effects)))
+        side = MixedEquations(model, np.array([within**2]), effect2).uncertainty()
+        limits = side.threshold(None)
+        shift = float(change @ np.linalg.solve(2 * limits.inflation * side.covariance, change))
+        freedom = min(2 * limits.nu, 1e6)
+        return 1 - float(special.ncfdtr(2.0, freedom, shift, float(special.fdtri(2, freedom, 1 - ERROR))))
+    pairs = JointModel([likelihood, likelihood], [point, (fit.c_e, fit.alpha * ratio)], ())
 
     def calibration(difference2: float) -> MixedCalibration:
         """At a variance of the drills' difference."""
-        effect2 = [difference2 / 2 if x.varies else between[x.quantity] ** 2 for x in model.components]
-        return difference_of(MixedEquations(model, np.full(2, within**2), np.array(effect2)))
+        effect2 = [difference2 / 2 if x.varies else between[x.quantity] ** 2 for x in pairs.components]
+        return difference_of(MixedEquations(pairs, np.full(2, within**2), np.array(effect2)))
 
-    change, of_mean = (
-        np.array([0.0, np.log(ratio)]),
-        2 * within**2 / len(force),
-    )  # variance of a pair's mean difference
-    true = calibration(between["difference"] ** 2 if way == "paired" else 0.0)
-    if way == "apart":
-        freedom = min(true.joint_freedom[1], 1e6)
-        shift = float(change @ np.linalg.solve(true.covariance, change))
-        return 1 - float(special.ncfdtr(2.0, freedom, shift, float(special.fdtri(2, freedom, 1 - ERROR))))
+    of_mean = 2 * within**2 / len(force)  # variance of a pair's mean difference
+    true = calibration(between["difference"] ** 2)
     estimates = (
         np.random.default_rng(0).standard_normal((_DRAWS, 2)) @ np.linalg.cholesky(true.covariance).T + change
     )

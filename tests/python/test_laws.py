@@ -293,6 +293,23 @@ class TestOddData:
             True,
         ]
 
+    def test_presses_of_another_scale_contradict_a_law_that_velocities_do_not(self):
+        material = Law().material(c_e=2.1, alpha=0.09)
+        curve = burrlab.synthetic_curve(
+            BURR, material, np.geomspace(0.25, 2.2, 10), repeats=2, scatter=0.05, seed=0
+        )
+        presses = burrlab.synthetic_indentation(
+            BURR, material, [0.05, 0.1, 0.2, 0.4], repeats=4, scatter=0.05, seed=1000
+        )
+        soft = [Indentation(by * presses.force, presses.depth, 3.0) for by in (0.8, 0.88)]
+        compared, harder = (compare_laws([curve, x], laws=["paper", "linear"]) for x in soft)
+        assert (
+            "The velocities alone do not: beside them the indentation's forces are 0.79 times"
+            in compared["paper"].why
+        )
+        for name in ("m", "k"):  # of one f
+            assert compared.exponents[name].if_harder == pytest.approx(harder.exponents[name].value, abs=0.01)
+
     def test_presses_of_a_small_q(self):
         for q in (0.9, 1.0):
             h = np.repeat(DEPTHS, 4)

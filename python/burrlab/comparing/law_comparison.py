@@ -30,6 +30,7 @@ from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import at_windows, span
 from burrlab.theory.continuum import Law
 
+HARDER = 1.1  # by how much the scale of an indentation's forces may be off, as an example
 CLOSE = 4.0  #: difference of AIC below which laws are not told apart
 _MANY = 3.0  # velocities that are off by a larger factor are left out of the figure
 _MEANS = {
@@ -55,6 +56,8 @@ class Exponent:
         Values, and the rise of -2 log L there.
     limits : mapping
         Level -> rise that bounds the interval.
+    if_harder : float or None
+        The value if the indentation's forces were 10 % higher, of m and k.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Exponent:
     grid: Floats
     rise: Floats
     limits: Mapping[str, float]
+    if_harder: float | None = None
 
     @property
     def interval_text(self) -> str:
@@ -210,8 +214,10 @@ class LawComparison(Tabulated):
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
         several = len(np.unique(self.observations.radius)) > 1
+        harder = f"; were the indentation's forces {100 * (HARDER - 1):.0f} % higher, "
         lines = [
-            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})."
+            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})"
+            f"{'' if exponent.if_harder is None else f'{harder}{exponent.if_harder:.3g}'}."
             for name, exponent in self.exponents.items()
         ]
         lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines

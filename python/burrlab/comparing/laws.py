@@ -15,7 +15,7 @@ from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import probability_text
-from burrlab.comparing.law_comparison import CLOSE, Exponent, LawComparison, LawRow, Parting
+from burrlab.comparing.law_comparison import CLOSE, HARDER, Exponent, LawComparison, LawRow, Parting
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
@@ -111,6 +111,7 @@ class LawLikelihood:
 
     def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
         o, self.known, self._scans = observations, known, dict[tuple[float, str], Scan]()
+        self._effects = effects
         self.observations, self._windows, (self._single, self._runs) = o, o.by_window(), runs_of(o)
         self.n = len(self._single) + len(self._runs)
         self._weight = (
@@ -313,6 +314,14 @@ class LawLikelihood:
         )
         return concluded("any law", F, freedom, text) if freedom else None
 
+    @cached_property
+    def velocities_alone(self) -> "LawLikelihood":
+        """The same without the indentation."""
+        o, rows = self.observations, np.arange(len(self.observations.force))
+        groups = tuple(replace(group, pressed=group.pressed[:0]) for group in o.groups)
+        o = o.taken(rows, rows[:0], run=o.run, groups=groups)
+        return LawLikelihood(o, self.known, self._effects)
+
     @property
     def pressed_freedom(self) -> int:
         """Degrees of freedom of q."""
@@ -407,11 +416,18 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         found["m"] = _profiled(
             "m", (m, 4 * _SIDE * error), lambda m: min(float(x.heights(m).min()) for x in by_q), widest
         )
+        family = [likelihood.scan(q) for q in qs]
         found["k"] = _exponent(
-            "k",
-            *likelihood.over_k([likelihood.scan(q) for q in qs], law.rate_exponent, max(widest.values())),
-            widest,
+            "k", *likelihood.over_k(family, law.rate_exponent, max(widest.values())), widest
         )
+        of_m, of_k = (
+            [replace(x, pressed=likelihood._pressed(x.q, x.c_e / HARDER)) for x in scans]
+            for scans in (by_q, family)
+        )
+        lowest = min(of_m, key=lambda scan: scan.heights().min())
+        found["m"] = replace(found["m"], if_harder=float(lowest.m.flat[np.argmin(lowest.heights())]))
+        rise = np.min([scan.heights(law.rate_exponent).min(axis=1) for scan in of_k], axis=0)
+        found["k"] = replace(found["k"], if_harder=_exponent("k", _K, rise, {}).value)
     return _told(found, likelihood.lack_of(scans), apart)
 
 
@@ -442,6 +458,23 @@ def _told(
         for name in exponents.keys() - {spared}:
             exponents[name] = replace(exponents[name], intervals=dict.fromkeys(LEVELS, Interval(None, None)))
     return exponents, next(iter(poor.values()), lack)
+
+
+def _of_another_scale(likelihood: LawLikelihood, law: Law | None, level: float) -> str:
+    """A sentence where an indentation of other forces by a factor would leave a law that is contradicted; else empty."""
+    if law is None or not likelihood.tells_q:
+        return ""
+    (q, error), alone = likelihood.pressed_exponent(), likelihood.velocities_alone
+    best = alone.best(law)
+    p_values = [test.p_value for test in _tests(alone, law, best.height)]
+    p_values.append(
+        2 * float(special.stdtr(likelihood.pressed_freedom, -abs(law.force_exponent - q) / error))
+    )
+    if min(p_values) * len(p_values) < 1 - level:
+        return ""
+    predicted, _ = likelihood._predicted_presses(law, best.c_e)
+    factor = float(np.exp(np.mean(np.log(likelihood.observations.pressed / predicted))))
+    return f" The velocities alone do not: beside them the indentation's forces are {factor:.2f} times those of this law."
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
@@ -598,7 +631,9 @@ def compare_laws(
     contradicted = {}  # law -> why; empty where it is not
     for name, law in named.items():
         worst = min(tests[name], key=lambda test: test.p_value)
-        contradicted[name] = worst.sentence if worst.p_value * len(tests[name]) < 1 - level else ""
+        contradicted[name] = ""
+        if worst.p_value * len(tests[name]) < 1 - level:
+            contradicted[name] = worst.sentence + _of_another_scale(likelihood, law, level)
         if law is not None and not contradicted[name]:
             fits[name] = fits.get(name) or fit(data, burr, law=law, **options)
             evidence = fits[name].evidence

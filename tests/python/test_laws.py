@@ -310,6 +310,21 @@ class TestOddData:
         for name in ("m", "k"):  # of one f
             assert compared.exponents[name].if_harder == pytest.approx(harder.exponents[name].value, abs=0.01)
 
+    def test_a_friction_without_repeats_is_named(self):
+        force = np.geomspace(0.3, 2.2, 20)
+        velocity = burrlab.penetration_velocity(BURR, Law().material(c_e=2.1, alpha=0.09), force - 0.1)
+        curve = VelocityCurve(
+            force, velocity * np.exp(0.05 * np.random.default_rng(1).normal(size=20)), radius=3.0
+        )
+        compared = compare_laws(curve)
+        assert "a friction, these fit as well as kobra or better: paper by -0.098 N (AIC -" in compared.report()
+        table = compared.to_dataframe().set_index("law")
+        assert table["force_offset_N"]["paper"] == pytest.approx(-0.1, abs=0.02)
+        assert table["delta_aic_with_offset"]["paper"] < -20
+        told = compare_laws(curve, uncertain={"force": 0.1})
+        assert told["paper"].with_offset is None
+        assert not told["paper"].contradicted
+
     def test_presses_of_a_small_q(self):
         for q in (0.9, 1.0):
             h = np.repeat(DEPTHS, 4)

@@ -86,6 +86,15 @@ class Parting:
     runs: int
 
 
+@dataclass(frozen=True)
+class WithOffset:
+    """A law with an offset of the force that the data estimate, such as a tare or a friction; by velocities alone."""
+
+    force: float  #: true less measured [N]
+    gain: float  #: by which AIC is lower than without it
+    delta_aic: float  #: AIC over that of the best law without an offset
+
+
 @dataclass(frozen=True, eq=False)
 class LawRow:
     """One law, and how it stands among the others.
@@ -107,6 +116,8 @@ class LawRow:
         A sentence on why the data contradict the law; empty where they do not.
     fit : Fit or None
         None of a law that the data contradict, and of v = K F.
+    with_offset : WithOffset or None
+        None of v = K F, and where offsets are known.
     """
 
     name: str
@@ -119,6 +130,7 @@ class LawRow:
     p_value: float
     why: str
     fit: Fit | None = field(repr=False)
+    with_offset: WithOffset | None = None
 
     @property
     def contradicted(self) -> bool:
@@ -246,6 +258,14 @@ class LawComparison(Tabulated):
                 "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
                 "tare, a friction or the surface is off, or the indentation's forces have another scale."
             )
+        moved = [(x.delta_aic, f"{row.name} by {x.force:.2g} N (AIC {x.delta_aic:+.2g})")
+                 for row in self.rows if (x := row.with_offset) and x.gain > CLOSE]  # fmt: skip
+        texts = [text for delta, text in sorted(moved) if delta < CLOSE and delta < min(moved)[0] + CLOSE]
+        if texts:
+            lines.append(
+                f"With a force that is off, by a tare or a friction, these fit as well as {self.best.name} or better: "
+                f"{', '.join(texts)}. Exponents are for a force that is right."
+            )
         lines += [
             f"{x.name} parts most from {self.best.name} at {x.force:.3g} N{f' and R = {x.radius:g} mm' if several else ''} "
             f"(velocity {x.ratio:.2f} times): about {x.runs} more {'run' if x.runs == 1 else 'runs'} there would tell them "
@@ -264,6 +284,8 @@ class LawComparison(Tabulated):
             "delta_error": [row.delta_error for row in rows],
             "p_value": [row.p_value for row in rows],
             "contradicted": [row.contradicted for row in rows],
+            "force_offset_N": [row.with_offset and row.with_offset.force for row in rows],
+            "delta_aic_with_offset": [row.with_offset and row.with_offset.delta_aic for row in rows],
             "constants": [row.constants for row in rows],
         }
 

@@ -15,7 +15,15 @@ from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import probability_text
-from burrlab.comparing.law_comparison import CLOSE, HARDER, Exponent, LawComparison, LawRow, Parting
+from burrlab.comparing.law_comparison import (
+    CLOSE,
+    HARDER,
+    Exponent,
+    LawComparison,
+    LawRow,
+    Parting,
+    WithOffset,
+)
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
@@ -24,6 +32,7 @@ from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Interval
 from burrlab.fitting.result import Fit
+from burrlab.measured.curve import Indentation
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, PER_SECOND, Law, MasterCurve
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
@@ -460,6 +469,32 @@ def _told(
     return exponents, next(iter(poor.values()), lack)
 
 
+def _with_offsets(
+    first: Fit,
+    burr: Burr | None,
+    likelihood: LawLikelihood,
+    best: Law | None,
+    named: Mapping[str, Law | None],
+    options: Mapping[str, Any],
+) -> dict[str, WithOffset]:
+    """Each law with an offset of the force, by velocities alone; none where offsets are `uncertain`."""
+    velocities = [x for x in first.data if not isinstance(x, Indentation)]
+    alone = likelihood.velocities_alone if len(first.observations.pressed) else likelihood
+    with_offsets = {}
+    for name, law in named.items():
+        if law is None or options["uncertain"]:
+            continue
+        with contextlib.suppress(ValueError):  # an overloaded run leaves the windows no c_e
+            plain, moved = (
+                fit(velocities, burr, law=law, **options, estimate=names) for names in ((), ("force",))
+            )
+            gain = plain.aic - moved.aic
+            if np.isfinite(gain):
+                delta = alone.best(law).aic - alone.best(best).aic
+                with_offsets[name] = WithOffset(moved.effects[-1].values[0], gain, delta - gain)
+    return with_offsets
+
+
 def _of_another_scale(likelihood: LawLikelihood, law: Law | None, level: float) -> str:
     """A sentence where an indentation of other forces by a factor would leave a law that is contradicted; else empty."""
     if law is None or not likelihood.tells_q:
@@ -643,6 +678,7 @@ def compare_laws(
                 contradicted[name] = goodness.test.sentence
         report_progress(1 + len(points) + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
+    with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)
     rows = []
     for name, law in named.items():
         apart = points[name].rows - points[least].rows
@@ -650,7 +686,7 @@ def compare_laws(
         rows.append(LawRow(
             name, law, points[name].c_e, points[name].alpha, points[name].aic - points[least].aic,
             float(np.sqrt(len(apart)) * np.std(apart)), tests[name], p, contradicted[name],
-            None if contradicted[name] else fits.get(name),
+            None if contradicted[name] else fits.get(name), with_offsets.get(name),
         ))  # fmt: skip
     rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
     law = next((row.law for row in rows if row.law), Law())

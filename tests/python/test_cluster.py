@@ -58,6 +58,11 @@ def test_an_error_of_the_function_comes_back(executor, tmp_path):
     assert run_items(work, [Item(7, str(tmp_path))], executor=executor) == [work(Item(7))]
 
 
+def test_a_result_that_cannot_be_sent_is_refused(executor):
+    with pytest.raises(TypeError, match="results from another process must be picklable: cannot pickle"):
+        run_items(open, [os.devnull], executor=executor)
+
+
 def test_a_worker_killed_from_outside_is_made_up_for(client, executor, tmp_path):
     victims = [nanny.pid for nanny in client.cluster.workers.values()][:1]
 

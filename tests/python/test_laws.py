@@ -317,7 +317,9 @@ class TestOddData:
             force, velocity * np.exp(0.05 * np.random.default_rng(1).normal(size=20)), radius=3.0
         )
         compared = compare_laws(curve)
-        assert "a friction, these fit as well as kobra or better: paper by -0.098 N (AIC -" in compared.report()
+        assert (
+            "a friction, these fit as well as kobra or better: paper by -0.098 N (AIC -" in compared.report()
+        )
         table = compared.to_dataframe().set_index("law")
         assert table["force_offset_N"]["paper"] == pytest.approx(-0.1, abs=0.02)
         assert table["delta_aic_with_offset"]["paper"] < -20

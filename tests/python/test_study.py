@@ -178,7 +178,7 @@ def test_an_error_of_the_function_passes_and_what_is_done_is_kept(tmp_path, chun
     done = len(store)
     (tmp_path / "poison").unlink()
     before = len(calls(tmp_path))
-    assert run_items(work, items, store=store) == [work(Item(i)) for i in range(20)]
+    assert run_items(work, iter(items), store=store) == [work(Item(i)) for i in range(20)]
     assert len(calls(tmp_path)) - before == 20 - done
 
 

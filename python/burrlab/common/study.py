@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import os
+import pickle
 import platform
 import queue
 import reprlib
@@ -16,7 +17,7 @@ import time
 import traceback
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -341,6 +342,11 @@ def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading
         failure, trace = error, traceback.format_exc()
     finally:
         _here.event = None
+    if event is None:  # in another process: dask would wait for ever for what it cannot send
+        try:
+            pickle.dumps(results)
+        except Exception as error:
+            results, failure = [], TypeError(f"results from another process must be picklable: {error}")
     worker = platform.node(), os.getpid(), threading.get_ident()
     return results, failure, trace, worker, time.perf_counter() - start
 
@@ -366,6 +372,7 @@ class Study(Generic[Item, Result]):
 
     Attributes
     ----------
+    items : sequence
     results : dict
         Results by the item's index: all after the iteration, some after an interrupt.
     """
@@ -373,7 +380,7 @@ class Study(Generic[Item, Result]):
     def __init__(
         self,
         function: Callable[[Item], Result],
-        items: Sequence[Item],
+        items: Iterable[Item],
         *,
         executor: Executor | None = None,
         store: StorePath | None = None,
@@ -386,14 +393,14 @@ class Study(Generic[Item, Result]):
             TypeError,
         )
         refuse(
-            chunk is not None and not (isinstance(chunk, int) and chunk >= 1),
+            chunk is not None and not (isinstance(chunk, int | np.integer) and chunk >= 1),
             f"chunk must be a whole number from 1, got {chunk!r}",
         )
         self.results: dict[int, Result] = {}
-        self._function, self._items = function, items
+        self._function, self.items = function, items if isinstance(items, Sequence) else list(items)
         self._executor, self._chunk = executor, chunk
         self._store = store if store is None or isinstance(store, Store) else Store(store)
-        self._keys = [] if self._store is None else [key_of(function, item) for item in items]
+        self._keys = [] if self._store is None else [key_of(function, item) for item in self.items]
         self._open: dict[Future[Work], list[int]] = {}
         self._finished: queue.SimpleQueue[Future[Work]] = queue.SimpleQueue()
         self._name = f"burrlab-{uuid.uuid4().hex}"
@@ -403,7 +410,7 @@ class Study(Generic[Item, Result]):
     def __iter__(self) -> Iterator[int]:
         """Yields the index of each finished item, first of those in the store."""
         missing: deque[int] = deque()
-        for i in range(len(self._items)):
+        for i in range(len(self.items)):
             if self._store is not None and self._keys[i] in self._store:
                 self.results[i] = self._store.get(self._keys[i])
                 yield i
@@ -449,9 +456,7 @@ class Study(Generic[Item, Result]):
         options = {"key": f"{self._name}-{places[0]}"} if _is_dask(type(executor)) else {}
         event = over if isinstance(executor, ThreadPoolExecutor) else None
         try:
-            future = executor.submit(
-                _work, self._function, [self._items[i] for i in places], event, **options
-            )
+            future = executor.submit(_work, self._function, [self.items[i] for i in places], event, **options)
         except Exception as error:
             if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
                 raise
@@ -512,13 +517,13 @@ class Study(Generic[Item, Result]):
             else f"what was finished is in {self._store.path}, run again with the same store to go on"
         )
         return StudyInterrupted(
-            f"the executor died after {len(self.results)} of {len(self._items)} items ({cause}); {rest}"
+            f"the executor died after {len(self.results)} of {len(self.items)} items ({cause}); {rest}"
         )
 
 
 def run_items(
     function: Callable[[Item], Result],
-    items: Sequence[Item],
+    items: Iterable[Item],
     *,
     executor: Executor | None = None,
     store: StorePath | None = None,
@@ -534,7 +539,7 @@ def run_items(
     ----------
     function : callable
         A picklable function of a module.
-    items : sequence
+    items : iterable
         Small and picklable items, such as frozen dataclasses.
     executor : concurrent.futures.Executor, optional
         Threads, processes, or a dask client's ``client.get_executor()``. It is not shut down. Default: one
@@ -554,8 +559,8 @@ def run_items(
     Raises
     ------
     TypeError
-        If the executor is no Executor; with a store, if an item or result holds a type that a store does not
-        know.
+        If the executor is no Executor; if a result of another process cannot be pickled; with a store, if an item or
+        result holds a type that a store does not know.
     ValueError
         If chunk is below 1, or the store's file is no store.
     StudyInterrupted
@@ -572,5 +577,5 @@ def run_items(
     study = Study(function, items, executor=executor, store=store, chunk=chunk)
     for done, _ in enumerate(study, start=1):
         if progress is not None:
-            progress(done, len(items))
-    return [study.results[i] for i in range(len(items))]
+            progress(done, len(study.items))
+    return [study.results[i] for i in range(len(study.items))]

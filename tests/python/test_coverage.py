@@ -143,6 +143,7 @@ def study():
          r"below 0\.1111 c_e R\^2 = 2\.15 N: got 2\.34"),
         (lambda _: coverage_study(ExperimentPlan([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError,
          "three or more distinct forces: got 2"),
+        (lambda _: coverage_study(WIDE, BONE, between={"day": 3}), TypeError, "between must be a dict such as"),
         (lambda _: coverage_study(WIDE, BONE, between={"day": (3, -1.0)}), ValueError, "between must be of 1 or more, 0 or more"),
         (lambda _: coverage_study(WIDE, BONE, uncertain={"surface": 1.0}), ValueError, "uncertain of surface must be below"),
         (lambda _: ExperimentPlan([(0.0, [1.0], 1)]), ValueError,

@@ -135,7 +135,7 @@ class TestHonesty:
             ({"residuals": "squared"}, "residuals must be one of relative, absolute, sigma, student: got 'squared'"),
             ({"bounds": {"beta": (1, 2)}}, "bounds may hold 'c_e' and 'alpha' alone: got 'beta'"),
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
-            ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),
+            ({"bounds": {"c_e": (0.1, 0.2)}}, r"c_e is bounded at 0.2 N/mm\^2, but the window at"),
             ({"law": "cubic"}, "cubic"),
         ]),
         (lambda: fit(replace(CURVE, sigma=[NAN] + [0.1] * 7), residuals="sigma"), ValueError,

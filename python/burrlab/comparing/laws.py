@@ -11,7 +11,7 @@ import scipy
 from scipy import special
 
 from burrlab._core import Burr, Shape, shape_names
-from burrlab.common.check import nearest, refuse, shown
+from burrlab.common.check import nearest, refuse, scalar, shown
 from burrlab.common.progress import Progress, counter, doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import probability_text
@@ -634,7 +634,7 @@ def compare_laws(
     ('preston', 1.0)
     """
     named = _named(laws)
-    refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
+    refuse(not 0 < scalar(level, "level") < 1, f"level must be between 0 and 1: got {level!r}")
     refuse(
         residuals not in ("relative", "sigma"), f"residuals must be 'relative' or 'sigma': got {residuals!r}"
     )

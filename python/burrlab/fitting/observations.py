@@ -435,7 +435,7 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
         low, high = map(float, pair)
         refuse(
             name == "c_e" and high <= hard,
-            f"bounds of c_e end at {high:g} N/mm^2, but the window at "
+            f"c_e is bounded at {high:g} N/mm^2, but the window at "
             f"{observations.force[np.argmax(observations.c_e_bounds())]:g} N "
             f"needs c_e > {hard:g} N/mm^2",
         )

@@ -492,8 +492,15 @@ def coverage_study(
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
     check_offsets(uncertain, ())
+    pairs = isinstance(between, Mapping) and all(
+        isinstance(x, tuple) and len(x) == 2 for x in between.values()
+    )
+    refuse(
+        between is not None and not pairs,
+        f"between must be a dict such as {{'day': (3, 0.1)}}, got {shown(between)}", TypeError,
+    )  # fmt: skip
     groups = tuple(
-        (name, whole(f"{name} of between", k, 10000, "10000"), float(size))
+        (name, whole(f"{name} of between", k, 10000, "10000"), scalar(size, f"{name} of between"))
         for name, (k, size) in (between or {}).items()
     )
     refuse(

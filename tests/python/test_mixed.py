@@ -273,6 +273,17 @@ class TestOffsets:
         assert fit.likelihood.n_parts == 1
         assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
 
+    @pytest.mark.parametrize("seed", [0, 3])
+    def test_specimens_under_a_wrong_law_and_a_given_sigma(self, seed):
+        """Their variances and own c_e do not run away, to where no velocity is left."""
+        random = np.random.default_rng(seed)
+        force = np.sort(random.uniform(0.2, 2.0, 22))
+        v = burrlab.penetration_velocity(BURR, BONE, force - 0.03) * np.exp(0.05 * random.normal(size=22))
+        curve = VelocityCurve(force, v, radius=3.0, sigma=0.05 * v, specimen=[k % 4 for k in range(22)])
+        fit = burrlab.fit(curve, law=burrlab.Law("quartic"), residuals="sigma")
+        assert fit.status == "implausible"
+        assert all(x.deviation < 1 for x in fit.effects)
+
     def test_specimens_of_too_few_rows(self):
         """Nothing tells them from the scatter: limits and a band are there all the same."""
         force, velocity = [0.466, 1.167, 1.633, 2.382], [0.3799, 3.242, 5.765, np.nan]

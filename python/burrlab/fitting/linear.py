@@ -39,6 +39,7 @@ EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
 _SCORINGS = 30  # of variances, at most
+_LARGEST = 10.0  # standard deviation of a logarithm, at most: what differs more is not of one law
 _CLOSE, _SHORT = 0.05, 1e-8  # relative steps that are judged by the slope, and that end the scoring
 _LEAST = 1e-3  # mean square of pairs over that of rows
 _APART = 1e-6  # information on what the rows tell worst over that on what they tell best, at least
@@ -543,7 +544,7 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             scatter2, effect2 = last.scatter2.copy(), last.effect2.copy()
             scatter2[free] = np.maximum(scatter2[free] + part * step[: len(free)], MODEL_ERROR**2)
             effect2[estimated] += part * step[len(free) :]
-            effect2 = np.maximum(effect2, at_least)
+            effect2[estimated] = np.clip(effect2[estimated], at_least[estimated], _LARGEST**2)
             trial = MixedEquations(last.model, scatter2, effect2)
             if close:
                 nearer = bool(abs(step @ trial.score()) < abs(step @ score))

@@ -122,7 +122,7 @@ def _reach(o: Observations, component: Component) -> tuple[float, float, float]:
         "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
         "surface": (step, -0.5 * depths.min(), room),
         "radius": (step, -room, np.inf),
-        "c_e": (EDGE, -np.inf, np.inf),
+        "c_e": (EDGE, -np.inf, _MILLION),
     }
     return reach[component.quantity]
 

@@ -273,6 +273,17 @@ class TestOffsets:
         assert fit.likelihood.n_parts == 1
         assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
 
+    def test_specimens_whose_windows_end_beyond_the_fit_beside_an_offset(self):
+        """The rows are linear where each has a window, though c_e of all lies below that."""
+        random = np.random.default_rng(8)
+        force = np.sort(random.uniform(0.2, 2.0, 17))
+        v = burrlab.penetration_velocity(BURR, BONE, force) * np.exp(0.2 * random.normal(size=17))
+        specimen = random.integers(0, 4, 17).tolist()
+        curve = VelocityCurve(force, v, radius=3.0, sigma=0.05 * v, specimen=specimen)
+        law = burrlab.Law("quartic", 2.0)
+        fit = burrlab.fit(curve, law=law, residuals="sigma", uncertain={"force": 0.02})
+        assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
+
     @pytest.mark.parametrize("seed", [0, 3])
     def test_specimens_under_a_wrong_law_and_a_given_sigma(self, seed):
         """Their variances and own c_e do not run away, to where no velocity is left."""

@@ -258,14 +258,7 @@ class LawComparison(Tabulated):
                 "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
                 "tare, a friction or the surface is off, or the indentation's forces have another scale."
             )
-        moved = [(x.delta_aic, f"{row.name} by {x.force:.2g} N (AIC {x.delta_aic:+.2g})")
-                 for row in self.rows if (x := row.with_offset) and x.gain > CLOSE]  # fmt: skip
-        texts = [text for delta, text in sorted(moved) if delta < CLOSE and delta < min(moved)[0] + CLOSE]
-        if texts:
-            lines.append(
-                f"With a force that is off, by a tare or a friction, these fit as well as {self.best.name} or better: "
-                f"{', '.join(texts)}. Exponents are for a force that is right."
-            )
+        lines += self._with_offsets()
         lines += [
             f"{x.name} parts most from {self.best.name} at {x.force:.3g} N{f' and R = {x.radius:g} mm' if several else ''} "
             f"(velocity {x.ratio:.2f} times): about {x.runs} more {'run' if x.runs == 1 else 'runs'} there would tell them "
@@ -273,6 +266,16 @@ class LawComparison(Tabulated):
             for x in self.partings
         ]
         return tuple(line[0].upper() + line[1:] for line in lines)
+
+    def _with_offsets(self) -> list[str]:
+        """A sentence on the laws that fit as well as the best, or better, with an offset of the force, if any."""
+        moved = [(x.delta_aic, f"{row.name} by {x.force:.2g} N (AIC {x.delta_aic:+.2g})")
+                 for row in self.rows if (x := row.with_offset) and x.gain > CLOSE]  # fmt: skip
+        texts = [text for delta, text in sorted(moved) if delta < CLOSE and delta < min(moved)[0] + CLOSE]
+        return [
+            f"With a force that is off, by a tare or a friction, these fit as well as {self.best.name} or better: "
+            f"{', '.join(texts)}. Exponents are for a force that is right."
+        ] if texts else []  # fmt: skip
 
     def _table(self) -> dict[str, list[Any]]:
         rows = self.rows

@@ -307,6 +307,7 @@ class MixedLikelihood(Likelihood):
             if component.random_c_e and shifts[block].any():
                 kept = np.delete(np.arange(len(self.equations.c)), -2)
                 falls = (self.equations.inverse(kept)[0] @ self.equations.C[kept, -2])[block]
+                falls = np.nan_to_num(falls)  # none where a row has no window at the point
                 self._of_specimen[block], self._follow = True, float(np.clip(falls.max(), 0.0, _FOLLOW))
         self._whole = _Part(
             plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts
@@ -550,6 +551,9 @@ class MixedLikelihood(Likelihood):
         near = (np.abs(part.by - self.shifts) <= apart * (1 + 1e-9)).all()
         if self.n_parts == 1 or (near and point[0] > float(self.plain.observations.c_e_bounds().max())):
             return self
+        low = float(part.likelihood.observations.c_e_bounds().max()) * (1 + EDGE)
+        if point[0] < low:  # columns are taken where each row has a window
+            point = low, point[1] * (low / point[0]) ** self.model.law.ridge_exponent
         return MixedLikelihood(
             part.likelihood, self.components, point, part.by, self.equations.scatter2, self.equations.effect2
         )

@@ -504,6 +504,15 @@ class TestOffsets:
 
 
 class TestWhatIsSaid:
+    def test_a_drift_within_each_day(self):
+        """A new burr each day wears: the days' own columns leave that in the rows."""
+        random = np.random.default_rng(2)
+        F = np.concatenate([random.permutation(FORCES) for _ in range(4)])
+        day, wear = np.repeat(np.arange(4), len(FORCES)), np.tile(np.linspace(0, -0.2, len(FORCES)), 4)
+        v = burrlab.penetration_velocity(BURR, BONE, F) * np.exp(wear + 0.05 * random.normal(size=len(F)))
+        fit = burrlab.fit(VelocityCurve(F, v, radius=3.0, groups={"day": day.tolist()}))
+        assert "From the first row to the last of each day the residuals drift by -0.2" in fit.verdict
+
     def test_verdicts(self):
         curve = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.6, 1.2, 2.4], seed=1)
 

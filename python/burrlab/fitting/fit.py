@@ -35,6 +35,7 @@ from burrlab.fitting.mixed import (
     against_indentation,
     at_best_variances,
     effect_sentences,
+    of_groups_alone,
     silent_groups,
     what_opens,
 )
@@ -131,9 +132,9 @@ def fit(
         has an offset of its own; each day, with ``{"force": (0.02, "day")}``.
     estimate : sequence of str, optional
         Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
-        ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). Each has a normal prior,
-        of standard deviation half the median force, R/10 or 1 in ln v (our choice): wider than data that tell them
-        leave open.
+        ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear), where alpha is that of
+        the middle. Each has a normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our
+        choice): wider than data that tell them leave open.
     share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
         What several data sets have in common. Without alpha, such as of two drills in one bone, each has an alpha of
         its own; without c_e, a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'
@@ -614,6 +615,7 @@ def _weighed(
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if hit else ""
     conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
+    effects = mixed.effects if mixed else ()
     texts = (
         fits.sentence,
         hit,
@@ -621,12 +623,15 @@ def _weighed(
         "Try residuals='student', which bear them."
         if rows and likelihood.kind == "relative" and mixed is None and not o.slow.size
         else "",
-        *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
-        *silent_groups(o, mixed.effects if mixed else ()),
+        *(
+            test.sentence
+            for test in against_order(order_tests(likelihood, best) if of_groups_alone(effects) else [])
+        ),
+        *silent_groups(o, effects),
         *(test.sentence for test in known if test.sentence not in fits.sentence),
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
-        *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),
+        *effect_sentences(likelihood, effects, calibration, profiled.identified),
         next_law(likelihood, fits.poor),
     )
     return replace(evidence, verdict=" ".join(text for text in texts if text))

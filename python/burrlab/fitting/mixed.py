@@ -834,7 +834,9 @@ def effect_sentences(
         if differs:
             sentences.append(f"Between the {n_levels} {name}s {' and '.join(differs)}.")
         if name == "specimen" and n_levels == 2:
-            sentences.append("Whether c_e differs between specimens cannot be known from fewer than three.")
+            sentences.append(
+                "Whether c_e differs between specimens cannot be known from fewer than three: its interval is for these two."
+            )
     sentences += (
         _offset_sentences(likelihood, effects, identified) if isinstance(likelihood, MixedLikelihood) else []
     )
@@ -846,6 +848,11 @@ def effect_sentences(
             f"alpha/c_e^{identified.exponent:.3g} on {best_rests}."
         )
     return sentences
+
+
+def of_groups_alone(effects: Sequence[MixedEffect]) -> bool:
+    """Whether none is an offset, or belongs to a data set."""
+    return all(x.interval is not None for x in effects)
 
 
 def silent_groups(o: Observations, effects: Sequence[MixedEffect]) -> list[str]:

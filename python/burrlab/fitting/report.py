@@ -11,7 +11,7 @@ import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import against_indentation
+from burrlab.fitting.mixed import against_indentation, of_groups_alone
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.measured.curve import VelocityCurve
@@ -229,7 +229,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     lines = [fit.verdict, ridge(evidence.ridge, fit)]
     lines += [test.sentence for test in tests if test is not None and test.sentence not in fit.verdict]
     lines += [row.sentence for row in evidence.rows]
-    ordered = [] if fit.effects else order_tests(fit.likelihood, (fit.c_e, fit.alpha))
+    ordered = order_tests(fit.likelihood, (fit.c_e, fit.alpha)) if of_groups_alone(fit.effects) else []
     if ordered and ordered[0].name != "drift":
         lines.append(
             "The rows are in the order of their forces: nothing tells a drift or days from the force."

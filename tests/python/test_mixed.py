@@ -492,7 +492,7 @@ class TestOffsets:
         fit = burrlab.fit(
             curve,
             uncertain={"surface": 0.05, "force": (0.02, "day")},
-            estimate=("order",),
+            estimate=("order:day",),
             known={"alpha": (0.09, 0.01)},
         )
         fit.to_json(tmp_path / "fit.json")
@@ -508,10 +508,18 @@ class TestWhatIsSaid:
         """A new burr each day wears: the days' own columns leave that in the rows."""
         random = np.random.default_rng(2)
         F = np.concatenate([random.permutation(FORCES) for _ in range(4)])
-        day, wear = np.repeat(np.arange(4), len(FORCES)), np.tile(np.linspace(0, -0.2, len(FORCES)), 4)
+        day, wear = np.repeat(np.arange(4), len(FORCES)), np.tile(np.linspace(0.1, -0.1, len(FORCES)), 4)
         v = burrlab.penetration_velocity(BURR, BONE, F) * np.exp(wear + 0.05 * random.normal(size=len(F)))
-        fit = burrlab.fit(VelocityCurve(F, v, radius=3.0, groups={"day": day.tolist()}))
-        assert "From the first row to the last of each day the residuals drift by -0.2" in fit.verdict
+        curve = VelocityCurve(F, v, radius=3.0, groups={"day": day.tolist()})
+        named = burrlab.fit(curve).verdict
+        assert "From the first row to the last of each day the residuals drift by -0.2" in named
+        assert "estimate=('order:day',) takes it into account" in named
+        fit, through = (burrlab.fit(curve, estimate=(name,)) for name in ("order:day", "order"))
+        assert "From the first run to the last of each day ln v changes by -0.2" in fit.verdict
+        assert fit.effects[-1].values[0] == pytest.approx(-0.2, abs=0.06)
+        assert intervals_with_the_truth(fit)["combination"]
+        assert fit.aic < through.aic - 10
+        assert "If it begins anew with each day: estimate=('order:day',)" in through.verdict
 
     def test_verdicts(self):
         curve = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.6, 1.2, 2.4], seed=1)

@@ -199,7 +199,8 @@ _UNCERTAIN = option(
 _OFFSETS = OptionGroup("what is not quite known (docs/fit.md)", (
     _UNCERTAIN,
     option(
-        "--estimate", "offsets that the data shall tell: force, radius, and order (a drift from run to run)",
+        "--estimate", "offsets that the data shall tell: force, radius, and order (a drift from run to run), or "
+        "order:day (which begins anew each day)",
         type=lambda text: text.split(","), default=[], metavar="NAME,...",
     ),
     option(

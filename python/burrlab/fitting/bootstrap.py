@@ -174,7 +174,9 @@ def redrawn_effects(
         elif x.quantity == "c_e":
             log_c_e, log_pressed = log_c_e + u[x.group.velocity], log_pressed + u[x.group.pressed]
         else:
-            log_alpha = log_alpha + (u[0] * o.order if x.quantity == "order" else u[x.group.velocity])
+            log_alpha = log_alpha + (
+                u[0] * o.order(x.restarts) if x.quantity == "order" else u[x.group.velocity]
+            )
     values, places = np.unique(log_c_e, return_inverse=True)
     unit = MeanFieldModel(true, fitted.model.shape).unit(point[0] * np.exp(values))[
         places, np.arange(len(o.force))

@@ -426,19 +426,17 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
     if below < 6 or e @ e <= 1e-20 * max(float(r @ r), 1e-300):
         return []
     tests = []
-    number, within, cause = np.linspace(-0.5, 0.5, n), "", "; estimate=('order',) takes it into account"
-    for group in [group for group in o.groups if 1 < len(group.levels) <= n / 3][:1]:
-        place = group.velocity[o.run < 0]
-        within, cause = f" of each {group.name}", ", as with a burr that wears"
-        for level in range(len(group.levels)):
-            number[place == level] = np.linspace(-0.5, 0.5, int((place == level).sum()))
+    group = next((x.name for x in o.groups if 1 < len(x.levels) <= n / 3), "")
+    within, by = (f" of each {group}", f":{group}") if group else ("", "")
+    number = o.order(group)[o.run < 0]
     drift = number - basis @ (basis.T @ number)
     if drift @ drift > 0.1 * (number @ number):
         slope = float(drift @ e) / float(drift @ drift)
         above = slope**2 * float(drift @ drift)
         F = (below - 1) * above / max(float(e @ e) - above, 1e-300)
         tests.append(concluded("drift", F, (1, below - 1), (
-            f"From the first row to the last{within} the residuals drift by {slope:.2g}: {{outcome}}{cause}."
+            f"From the first row to the last{within} the residuals drift by {slope:.2g}: {{outcome}}; estimate=('order{by}',) takes it "
+            "into account."
         )))  # fmt: skip
         correlation, p = _form(
             scipy.sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0

@@ -133,7 +133,8 @@ def fit(
     estimate : sequence of str, optional
         Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
         ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear), where alpha is that of
-        the middle. Each has a normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our
+        the middle. ``"order:day"`` begins anew each day, as with a new burr, ``"order:data set"`` with each data
+        set; its last run is that of the longest. Each has a normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our
         choice): wider than data that tell them leave open.
     share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
         What several data sets have in common. Without alpha, such as of two drills in one bone, each has an alpha of

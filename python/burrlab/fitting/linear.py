@@ -36,6 +36,7 @@ OFFSETS = {"force": "N", "surface": "mm", "radius": "mm"}
 OWN = 3.0  # standard deviation of ln c_e or ln alpha of data sets that have one each: a factor of 20 (ours)
 _DIAGONAL = 1e-10  # of the information's trace, added to its diagonal: on a ridge it is singular
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
+EACH = "each "  # before the name of a group, of a drift that begins anew with each of its labels
 STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
 _SCORINGS = 30  # of variances, at most
@@ -65,6 +66,11 @@ class Component:
         return self.quantity in OFFSETS or self.quantity == "c_e"
 
     @property
+    def restarts(self) -> str:
+        """Of a drift that begins anew with each label of a group, the group's name."""
+        return self.group.name.removeprefix(EACH) if self.group.name.startswith(EACH) else ""
+
+    @property
     def random_c_e(self) -> bool:
         """Whether each level draws a c_e: a specimen."""
         return self.quantity == "c_e" and not self.sought
@@ -72,7 +78,10 @@ class Component:
     def of_rows(self, o: Observations) -> "Component":
         """The same of other rows."""
         groups = {group.name: group for group in (o.sets, *o.groups)}
-        return replace(self, group=_levels_of(o, self.quantity) if self.sought else groups[self.group.name])
+        return replace(
+            self,
+            group=_levels_of(o, self.quantity, self.group.name) if self.sought else groups[self.group.name],
+        )
 
 
 def components_of(
@@ -106,15 +115,22 @@ def components_of(
             deviation >= room,
             f"uncertain of {name} must be below {room:.3g} mm, so that windows stay between 0 and R: got {deviation:g}",
         )
+    sought = []
+    for name, colon, by in (name.partition(":") for name in estimate):
+        refuse(
+            bool(colon) and by not in by_name,
+            f"estimate of {name}: the data have no group {by!r}{nearest(by, by_name)}",
+        )
+        sought.append((name, EACH + by if by else "data"))
     lengths, force = float(observations.radius.max()) / 10, float(np.median(observations.force)) / 2
     weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "c_e": OWN, "alpha": OWN}
     return (
         *components,
-        *(Component(_levels_of(observations, name), name, weak[name], True) for name in estimate),
+        *(Component(_levels_of(observations, name, of), name, weak[name], True) for name, of in sought),
     )
 
 
-def _levels_of(o: Observations, quantity: str) -> Group:
+def _levels_of(o: Observations, quantity: str, name: str) -> Group:
     """The levels of a parameter: of c_e and alpha the data sets after the first, else one level for all rows."""
     if quantity in ("c_e", "alpha"):  # an indentation has no alpha
         sets = np.unique(o.sets.velocity) if quantity == "alpha" else np.arange(len(o.sets.levels))
@@ -126,7 +142,7 @@ def _levels_of(o: Observations, quantity: str) -> Group:
             place[o.sets.velocity],
             place[o.sets.pressed],
         )
-    return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
+    return Group(name, ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
 
 def check_names(option: str, names: Sequence[str], example: str) -> None:
@@ -156,14 +172,15 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
             f"a group: got {shown(size)}",
         )
     names = ["force", "radius", "order"]
-    for name in estimate:
+    sought = [name.partition(":")[0] if name.startswith("order:") else name for name in map(str, estimate)]
+    for name in sought:
         refuse(
             name == "surface",
             "data cannot tell a surface: say how far it may be off, uncertain={'surface': 0.1}",
         )
         refuse(name not in names, f"estimate may hold {', '.join(names)}: got {name!r}{nearest(name, names)}")
         refuse(
-            name in (uncertain or {}) or list(estimate).count(name) > 1,
+            name in (uncertain or {}) or sought.count(name) > 1,
             f"an offset is uncertain or estimated, and once: got {name!r} twice",
         )
 
@@ -233,10 +250,13 @@ class LinearModel(RowProducts):
         }
         columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
         columns |= {name: [rows.J[:, k] for rows in self.rows] for k, name in enumerate(("c_e", "alpha"))}
-        columns["order"] = [  # ln v rises from the first run to the last
-            -likelihood.observations.order[rows.at] if rows.name == "velocity" else np.zeros(len(rows.r))
-            for rows in self.rows
-        ]
+        for x in (
+            x for x in components if x.quantity == "order"
+        ):  # ln v rises from the first run to the last
+            order = likelihood.observations.order(x.restarts)
+            columns["order"] = [
+                -order[rows.at] if rows.name == "velocity" else np.zeros(len(rows.r)) for rows in self.rows
+            ]
         self.columns = []
         #: which level each row of each scatter has, shape (rows, levels), by component
         self.places = [[_places(x.group, rows) for rows in self.rows] for x in components]

@@ -21,6 +21,7 @@ from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowSca
 from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, rms_off
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
+    EACH,
     EDGE,
     OFFSETS,
     OWN,
@@ -805,8 +806,11 @@ class MixedEvidence:
             x.quantity: (x.deviation, x.group) for x in self.effects if x.deviation and x.interval is None
         }
         components = components_of(
-            plain.observations, uncertain, [x.quantity for x in self.effects if x.deviation is None]
-        )
+            plain.observations, uncertain, [
+                f"{x.quantity}:{x.group.removeprefix(EACH)}" if x.group.startswith(EACH) else x.quantity
+                for x in self.effects if x.deviation is None
+            ]
+        )  # fmt: skip
         deviations = [
             c.deviation if x.deviation is None else x.deviation
             for c, x in zip(components, self.effects, strict=True)
@@ -880,11 +884,17 @@ def _offset_sentences(
                     f"{probability_text(level.p_value)})."
                 )
         elif x.deviation is None:
-            what = f"The {x.quantity} is off by" if unit else "From the first run to the last ln v changes by"
+            last = f"last of {component.group.name}" if component.restarts else "last"
+            what = (
+                f"The {x.quantity} is off by" if unit else f"From the first run to the {last} ln v changes by"
+            )
             low, high = x.ends
             sentences.append(
                 f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {probability_text(x.p_value)})."
             )
+            if x.quantity == "order" and not component.restarts and likelihood.observations.groups:
+                name = likelihood.observations.groups[0].name
+                sentences.append(f"If it begins anew with each {name}: estimate=('order:{name}',).")
             weak = component.deviation or 0.0
             if x.errors[0] > weak / 2:
                 sentences.append(

@@ -191,11 +191,16 @@ class Observations:
         single = self.run < 0
         return np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run)
 
-    @property
-    def order(self) -> Floats:
-        """Place of each velocity row's run among all: -1/2 for the first, 1/2 for the last."""
-        run = np.unique(self.run_number, return_inverse=True)[1]
-        return np.asarray(run / max(run.max(initial=0), 1) - 0.5)
+    def order(self, group: str = "") -> Floats:
+        """Place of each velocity row's run among all, or among those of its label: -1/2 for the first.
+
+        The last has 1/2: that of the label with the most runs, as a burr wears from run to run.
+        """
+        labels = {x.name: x.velocity for x in (self.sets, *self.groups)}.get(group, np.zeros(len(self.force)))
+        place = np.zeros(len(self.force))
+        for label in np.unique(labels):
+            place[labels == label] = np.unique(self.run_number[labels == label], return_inverse=True)[1]
+        return np.asarray(place / max(place.max(initial=0), 1) - 0.5)
 
     @property
     def has_sigma(self) -> bool:

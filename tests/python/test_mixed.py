@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -154,8 +155,7 @@ class TestFreedom:
         """The level of alpha has one degree less than the days, c_e those of all rows."""
         calibration = burrlab.fit(laboratory(1, 4)).evidence.mixed.calibration
         level = np.array([-calibration.covariance[0, 1] / calibration.covariance[0, 0], 1.0])
-        assert calibration.freedom(level) == pytest.approx(3, rel=1e-4)
-        assert calibration.freedom(C_E) == pytest.approx(32 - 4 - 1, rel=1e-4)
+        assert [calibration.freedom(x) for x in (level, C_E)] == pytest.approx([3, 32 - 4 - 1], rel=1e-4)
         assert calibration.adjusted == pytest.approx(calibration.covariance, rel=1e-6)
 
     def test_limits_and_probabilities_are_inverse(self):
@@ -191,7 +191,6 @@ class TestOffsets:
         fit = burrlab.fit(curve, uncertain={"surface": 0.05})
         assert fit.intervals["c_e"]["95"].lower < fit.observations.c_e_bounds().max()
         assert fit.verdict.startswith("c_e and alpha are separately identified")
-        assert fit.separately_identified
 
     @pytest.mark.parametrize(("offset", "deviation"), [("force", 0.02), ("surface", 0.05), ("radius", 0.06)])
     def test_likelihood_is_that_of_an_average_over_the_offset(self, offset, deviation):
@@ -235,10 +234,9 @@ class TestOffsets:
         given = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, bounds={"c_e": (1.0, 2.2)})
         assert (given.given_bounds, given.intervals["c_e"]["95"].upper) == (("c_e",), None)
         assert exact.intervals["alpha"]["95"].ratio() < fit.intervals["alpha"]["95"].ratio()
-        assert exact.status == "ok"
         assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in fit.verdict
         off_by_far = burrlab.fit(laboratory(1, 3), known={"c_e": (2.9, 0.05)})
-        assert off_by_far.status == "poor-fit"
+        assert (exact.status, off_by_far.status) == ("ok", "poor-fit")
         assert "c_e was given as 2.9, to 1.7 %: the data alone contradict it, F(1, 2" in off_by_far.verdict
         clear = burrlab.synthetic_curve(
             BURR, BONE, np.geomspace(0.3, 2.2, 8), repeats=4, scatter=0.03, seed=1
@@ -372,12 +370,12 @@ class TestOffsets:
                   for k, (R, m, F) in enumerate(((3.0, BONE, FORCES), (2.0, faster, FORCES[:5] * 0.6)))]  # fmt: skip
         fit = burrlab.fit(curves, share=("c_e",))
         (own,) = fit.effects
-        assert (own.group, own.quantity, own.levels, fit.status) == ("data set", "alpha", ("2",), "ok")
+        assert (own.group, own.quantity, own.levels) == ("data set", "alpha", ("2",))
+        assert (fit.status, fit.n_parameters) == ("ok", 4)
         assert own.ends[0] < np.log(2.5) < own.ends[1]
         assert BONE.c_e in fit.intervals["c_e"]["95"]
         assert fit.residual_norm < 0.07
         assert f"alpha of data set 2 is {np.exp(own.values[0]):.3g} times that of the first" in fit.verdict
-        assert fit.n_parameters == 4
         apart = [burrlab.fit(curve) for curve in curves]
         assert fit.intervals["c_e"]["95"].ratio() < min(x.intervals["c_e"]["95"].ratio() for x in apart)
         again = burrlab.Fit.from_dict(fit.to_dict()).likelihood
@@ -405,10 +403,8 @@ class TestOffsets:
         fit = burrlab.fit(curves, share=("alpha",))
         (own,) = fit.effects
         assert (own.group, own.quantity, own.levels, fit.status) == ("data set", "c_e", ("2",), "ok")
-        assert own.ends[0] < np.log(ratio) < own.ends[1]
-        assert own.ends[1] - own.ends[0] < 0.1
-        assert BONE.c_e in fit.intervals["c_e"]["95"]
-        assert BONE.alpha in fit.intervals["alpha"]["95"]
+        assert own.ends[0] < np.log(ratio) < own.ends[1] < own.ends[0] + 0.1
+        assert {"c_e", "alpha"} <= {name for name, held in intervals_with_the_truth(fit).items() if held}
         assert fit.levels("data set")["2"] == pytest.approx((fit.c_e * np.exp(own.values[0]), fit.alpha))
         assert fit.residual_norm < 0.07
         moved = curves[0].force * np.exp(-0.3), curves[1].force  # F/c_e alone counts
@@ -444,8 +440,7 @@ class TestOffsets:
             assert fit.repairs[0].what.startswith(what)
             assert f"with this (AIC lower by): {what}" in fit.report()
         with_days = burrlab.fit(tared)
-        assert with_days.effects
-        assert with_days.repairs[0].what.startswith("a tare")
+        assert (len(with_days.effects), with_days.repairs[0].what[:6]) == (1, "a tare")
         fit = burrlab.fit(clean, groups=())
         assert max(x.gain for x in fit.repairs) < 4
         named = [x.what for x in burrlab.fit(clean, law="constant", groups=()).repairs]
@@ -498,8 +493,7 @@ class TestOffsets:
         fit.to_json(tmp_path / "fit.json")
         again = burrlab.Fit.from_json(tmp_path / "fit.json")
         assert (again.verdict, again.effects, again.aic) == (fit.verdict, fit.effects, fit.aic)
-        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
-        assert again.influence()[0].c_e == fit.influence()[0].c_e
+        assert len({(x.test(2.0, 0.08).p_value, x.influence()[0].c_e) for x in (again, fit)}) == 1
         assert [len(x.levels) for x in fit.effects] == [3, 1, 3, 1]
 
 
@@ -511,12 +505,12 @@ class TestWhatIsSaid:
         day, wear = np.repeat(np.arange(4), len(FORCES)), np.tile(np.linspace(0.1, -0.1, len(FORCES)), 4)
         v = burrlab.penetration_velocity(BURR, BONE, F) * np.exp(wear + 0.05 * random.normal(size=len(F)))
         curve = VelocityCurve(F, v, radius=3.0, groups={"day": day.tolist()})
-        named = burrlab.fit(curve).verdict
-        assert "From the first row to the last of each day the residuals drift by -0.2" in named
-        assert "estimate=('order:day',) takes it into account" in named
-        fit, through = (burrlab.fit(curve, estimate=(name,)) for name in ("order:day", "order"))
+        named, fit, through = (
+            burrlab.fit(curve, estimate=names) for names in ((), ("order:day",), ("order",))
+        )
+        drift = "From the first row to the last of each day the residuals drift by -0.2"
+        assert re.search(rf"{drift}.*; estimate=\('order:day',\) takes it into account", named.verdict)
         assert "From the first run to the last of each day ln v changes by -0.2" in fit.verdict
-        assert fit.effects[-1].values[0] == pytest.approx(-0.2, abs=0.06)
         assert intervals_with_the_truth(fit)["combination"]
         assert fit.aic < through.aic - 10
         assert "If it begins anew with each day: estimate=('order:day',)" in through.verdict

@@ -848,7 +848,7 @@ def effect_sentences(
         of_alpha, best = (calibration.freedom(d) for d in (ALPHA, np.array([-identified.exponent, 1.0])))
         alpha_rests, best_rests = (f"{nu:.2g}" if nu < 1000 else "over 1000" for nu in (of_alpha, best))
         sentences.append(
-            f"The interval of alpha rests on {alpha_rests} degrees of freedom, that of "
+            f"The interval of alpha rests on {alpha_rests} degree{'s' * (alpha_rests != '1')} of freedom, that of "
             f"alpha/c_e^{identified.exponent:.3g} on {best_rests}."
         )
     return sentences
@@ -940,7 +940,7 @@ def _size(deviation: float) -> str:
 
 def _span(interval: Interval) -> str:
     assert interval.lower is not None
-    if interval.upper is None:
+    if interval.upper is None or interval.upper >= _MILLION:
         return f"{_size(interval.lower)} up"
     low = f"{100 * interval.lower:.2g}" if interval.upper < _PER_CENT else _size(interval.lower)
     return f"{low} to {_size(interval.upper)}"

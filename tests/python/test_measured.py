@@ -501,7 +501,7 @@ class TestSegments:
         [
             (DepthTrace(TIME, RISE, 1, 3), 0, "n must be at least 1: got 0"),
             (DepthTrace(TIME, RISE, 1, 3), 5,
-             "n must leave at least 6 samples in each segment, there are 5 between 0.5 and 0.6 mm: got 5"),
+             "5 segments need at least 6 samples each: the trace at 1 N has 5 between 0.5 and 0.6 mm"),
             (DepthTrace(np.arange(40) * 0.1, np.repeat([0.5, 1.0], 20), 1, 3, start_mm=0.99), 1,
              "n must leave segments in which the immersion rises, it stands"),
         ],

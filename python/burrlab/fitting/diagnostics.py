@@ -427,7 +427,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         return []
     tests = []
     group = next((x.name for x in o.groups if 1 < len(x.levels) <= n / 3), "")
-    within, by = (f" of each {group}", f":{group}") if group else ("", "")
+    last, by = (f"of each {group} to the last of the longest", f":{group}") if group else ("to the last", "")
     number = o.order(group)[o.run < 0]
     drift = number - basis @ (basis.T @ number)
     if drift @ drift > 0.1 * (number @ number):
@@ -435,7 +435,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         above = slope**2 * float(drift @ drift)
         F = (below - 1) * above / max(float(e @ e) - above, 1e-300)
         tests.append(concluded("drift", F, (1, below - 1), (
-            f"From the first row to the last{within} the residuals drift by {slope:.2g}: {{outcome}}; estimate=('order{by}',) takes it "
+            f"From the first row {last} the residuals drift by {slope:.2g}: {{outcome}}; estimate=('order{by}',) takes it "
             "into account."
         )))  # fmt: skip
         correlation, p = _form(

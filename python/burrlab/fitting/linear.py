@@ -121,6 +121,10 @@ def components_of(
             bool(colon) and by not in by_name,
             f"estimate of {name}: the data have no group {by!r}{nearest(by, by_name)}",
         )
+        refuse(
+            bool(by) and observations.order(by).max() < 0,
+            f"estimate of order: no {by} has two runs, from one to the other of which it could change",
+        )
         sought.append((name, EACH + by if by else "data"))
     lengths, force = float(observations.radius.max()) / 10, float(np.median(observations.force)) / 2
     weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "c_e": OWN, "alpha": OWN}

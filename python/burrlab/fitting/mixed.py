@@ -884,10 +884,12 @@ def _offset_sentences(
                     f"{probability_text(level.p_value)})."
                 )
         elif x.deviation is None:
-            last = f"last of {component.group.name}" if component.restarts else "last"
-            what = (
-                f"The {x.quantity} is off by" if unit else f"From the first run to the {last} ln v changes by"
+            last = (
+                f"of {component.group.name} to the last of the longest"
+                if component.restarts
+                else "to the last"
             )
+            what = f"The {x.quantity} is off by" if unit else f"From the first run {last} ln v changes by"
             low, high = x.ends
             sentences.append(
                 f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {probability_text(x.p_value)})."

@@ -26,7 +26,7 @@ ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
 _DIGITS = 12  # of mm, to which moved windows and radii are rounded
 _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
 _MEASURED = ("force", "velocity", "sigma", "window_start", "window_end")  # columns of a curve
-_VELOCITY = (*_MEASURED, "radius", "run", "log_sigma")
+_VELOCITY = (*_MEASURED, "radius", "run", "log_sigma", "number")
 _PRESSED = ("pressed", "pressed_sigma", "pressed_depth", "pressed_radius")  # as _VELOCITY, of pressed rows
 _MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
 
@@ -78,6 +78,8 @@ class Observations:
     slow: Floats = field(default_factory=lambda: np.empty((5, 0)), compare=False)
     force_exponent: float = field(default=PAPER_FORCE_EXPONENT, metadata=LATER)  # see `Law`, as the next
     rate_exponent: float = field(default=0.0, metadata=LATER)
+    #: of each velocity row: its run among all that were made, also those without a velocity
+    number: Floats = field(default_factory=lambda: np.empty(0), compare=False)
     #: ln c_e of each velocity row over that of others, by which `force` is less; the rate is that of the whole force
     log_c_e: Floats | float = field(default=0.0, compare=False)
     pressed_log_c_e: Floats | float = field(
@@ -104,6 +106,7 @@ class Observations:
         parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
         overloaded, slow, n_skipped, n_censored, n_runs = [np.empty((3, 0))], [np.empty((5, 0))], 0, 0, 0
+        n_made = 0
         for data_set in data:
             radius = _radius(data_set, burr)
             columns: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
@@ -113,12 +116,14 @@ class Observations:
             elif isinstance(data_set, DepthTrace):
                 segments = data_set.segments(SEGMENTS)
                 columns |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
+                columns["number"] = n_made
                 columns |= {"window_start": segments.start_mm, "window_end": segments.end_mm}
-                n_runs += 1
+                n_runs, n_made = n_runs + 1, n_made + 1
             else:
                 ok = data_set.ok
                 table = {name: getattr(data_set, name) for name in _MEASURED}
                 columns |= {name: column[ok] for name, column in table.items() if column is not None}
+                columns["number"], n_made = n_made + np.flatnonzero(ok), n_made + len(ok)
                 status = np.array(data_set.status or len(data_set) * ("",))
                 over, below = status == "overloaded", status == TOO_SLOW
                 nan, of_all = np.full(len(data_set), np.nan), np.full(len(data_set), radius)
@@ -196,10 +201,12 @@ class Observations:
 
         The last has 1/2: that of the label with the most runs, as a burr wears from run to run.
         """
-        labels = {x.name: x.velocity for x in (self.sets, *self.groups)}.get(group, np.zeros(len(self.force)))
-        place = np.zeros(len(self.force))
-        for label in np.unique(labels):
-            place[labels == label] = np.unique(self.run_number[labels == label], return_inverse=True)[1]
+        of = {x.name: x.velocity for x in (self.sets, *self.groups)}.get(
+            group, np.zeros(len(self.force), np.intp)
+        )
+        first = np.full(of.max(initial=0) + 1, np.inf)
+        np.minimum.at(first, of, self.number)
+        place = self.number - first[of]
         return np.asarray(place / max(place.max(initial=0), 1) - 0.5)
 
     @property

@@ -264,8 +264,8 @@ class DepthTrace(TableData):
             time = self.time[inside]
             refuse(
                 len(time) < FEWEST_SAMPLES,
-                f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
-                f"between {start:.4g} and {end:.4g} mm: got {n!r}",
+                f"{n} segments need at least {FEWEST_SAMPLES} samples each: the trace at {self.force:g} N has {len(time)} "
+                f"between {start:.4g} and {end:.4g} mm",
             )
             velocity = penetration_velocity_between(self.time, level, start, end)
             if not velocity:

@@ -21,7 +21,7 @@ from scipy import stats
 from scipy.stats import binom, fisher_exact
 from session_scenes import refused
 
-from burrlab.psychophysics import SelectionEffect, group_score_from, pair_checks
+from burrlab.psychophysics import SelectionEffect, equivalence, group_score_from, pair_checks
 from burrlab.psychophysics.group import (
     GroupAnswers,
     conditional_hits,
@@ -168,6 +168,8 @@ def test_ends_of_the_scale_of_d_prime(cells, estimate, low, high, said):
     assert (result.estimate, result.interval[1]) == (pytest.approx(estimate, nan_ok=True), high)
     assert low[0] <= result.interval[0] <= low[1]
     assert said in str(result)
+    told = equivalence([same(*cell) for cell in cells], rule="differencing", delta=1.5)
+    assert (told.equivalent, "answers swapped" in told.sentence) == (False, high == 0)
 
 
 # A true d' is rejected on either side in at most 5 % of experiments; false-alarm rate 1e-6 per check.

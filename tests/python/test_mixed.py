@@ -241,8 +241,8 @@ class TestOffsets:
         clear = burrlab.synthetic_curve(
             BURR, BONE, np.geomspace(0.3, 2.2, 8), repeats=4, scatter=0.03, seed=1
         )
-        for known in {"c_e": (4.0, 0.1)}, {"alpha": (0.5, 0.01)}:  # where small forces tell no c_e
-            assert burrlab.fit(clear, known=known).status == "poor-fit"
+        untrue = {"c_e": (4.0, 0.1)}, {"alpha": (0.5, 0.01)}  # where small forces tell no c_e
+        assert {burrlab.fit(clear, known=x).status for x in untrue} == {"poor-fit"}
         voxels = burrlab.VoxelEngine(voxel=0.4, replicates=2, seed=1)
         voxel = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, engine=voxels)
         assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in voxel.verdict
@@ -268,8 +268,7 @@ class TestOffsets:
         fit = burrlab.fit(
             off(1, label=False)[0], law=burrlab.Law("parabolic", 2.0, 1.0), uncertain={"radius": 0.05}
         )
-        assert fit.likelihood.n_parts == 1
-        assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
+        assert (fit.likelihood.n_parts, np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()) == (1, True)
 
     def test_specimens_whose_windows_end_beyond_the_fit_beside_an_offset(self):
         """The rows are linear where each has a window, though c_e of all lies below that."""
@@ -290,8 +289,7 @@ class TestOffsets:
         v = burrlab.penetration_velocity(BURR, BONE, force - 0.03) * np.exp(0.05 * random.normal(size=22))
         curve = VelocityCurve(force, v, radius=3.0, sigma=0.05 * v, specimen=[k % 4 for k in range(22)])
         fit = burrlab.fit(curve, law=burrlab.Law("quartic"), residuals="sigma")
-        assert fit.status == "implausible"
-        assert all(x.deviation < 1 for x in fit.effects)
+        assert (fit.status, max(x.deviation for x in fit.effects) < 1) == ("implausible", True)
 
     def test_specimens_of_too_few_rows(self):
         """Nothing tells them from the scatter: limits and a band are there all the same."""
@@ -310,9 +308,8 @@ class TestOffsets:
 
     def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
         """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""
-        for seed in range(3):
-            curve = off(seed, label=False)[0]
-            assert burrlab.fit(curve, uncertain={"surface": 0.2}).residual_norm < 0.1
+        curves = [off(seed, label=False)[0] for seed in range(3)]
+        assert max(burrlab.fit(x, uncertain={"surface": 0.2}).residual_norm for x in curves) < 0.1
 
     def test_a_tare_that_hides_the_kink_is_no_lack_of_fit(self):
         """Without the tare the fit lies at the far end of its ridge, where steps to the best one go to and fro."""
@@ -320,6 +317,12 @@ class TestOffsets:
             curve, moves = off(seed, force=0.05, within=0.01, label=False)
             fit = burrlab.fit(curve, estimate=("force",), plausible=None)
             assert (fit.status, *fit.effects[0].values) == ("ok", pytest.approx(moves[0], abs=0.01))
+
+    @pytest.mark.parametrize("offset", [-0.28, -0.2])
+    def test_a_friction_of_most_of_the_least_force(self, offset):
+        v = burrlab.penetration_velocity(BURR, BONE, FORCES + offset) * np.exp(0.02 * np.sin(7 * FORCES))
+        fit = burrlab.fit(VelocityCurve(FORCES, v, radius=3.0), estimate=("force",))
+        assert (fit.status, fit.effects[0].values[0]) == ("ok", pytest.approx(offset, abs=5e-3))
 
     def test_days_without_scatter(self):
         v = burrlab.penetration_velocity(BURR, BONE, np.tile(FORCES, 2)) * np.repeat([1.0, 1.1], 8)
@@ -341,12 +344,11 @@ class TestOffsets:
             fit = burrlab.fit(VelocityCurve(curve.force, curve.velocity * v[0] / v[1], radius=3.0))
             change = np.log(fit.alpha / fit.c_e**p) - np.log(straight.alpha / straight.c_e**p)
             assert x.moved == pytest.approx(change, rel=0.15)
-        report = straight.report()
-        for text in (
+        surface, force = (
             "A surface misjudged by 0.05 mm moves alpha/c_e^",
             "a force by 1 % of the largest (0.022 N) by",
-        ):
-            assert text in report
+        )
+        assert re.search(f"{re.escape(surface)}.*{re.escape(force)}", straight.report())
 
     def test_another_law(self):
         """Offsets, days and sets of another c_e, where the force drives the rate too."""
@@ -378,8 +380,6 @@ class TestOffsets:
         assert f"alpha of data set 2 is {np.exp(own.values[0]):.3g} times that of the first" in fit.verdict
         apart = [burrlab.fit(curve) for curve in curves]
         assert fit.intervals["c_e"]["95"].ratio() < min(x.intervals["c_e"]["95"].ratio() for x in apart)
-        again = burrlab.Fit.from_dict(fit.to_dict()).likelihood
-        assert again.objective(2.0, 0.08) == pytest.approx(fit.likelihood.objective(2.0, 0.08), rel=1e-12)
         assert burrlab.fit(curves).status == "poor-fit"
         pressed = burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.15, 0.2], seed=3)  # has no alpha
         with_it = burrlab.fit([pressed, *curves], share=("c_e",))
@@ -407,11 +407,11 @@ class TestOffsets:
         assert {"c_e", "alpha"} <= {name for name, held in intervals_with_the_truth(fit).items() if held}
         assert fit.levels("data set")["2"] == pytest.approx((fit.c_e * np.exp(own.values[0]), fit.alpha))
         assert fit.residual_norm < 0.07
-        moved = curves[0].force * np.exp(-0.3), curves[1].force  # F/c_e alone counts
-        scaled = replace(curves[0], force=moved[0]), curves[1]
+        scaled = replace(curves[0], force=curves[0].force * np.exp(-0.3)), curves[1]  # F/c_e alone counts
         other = burrlab.fit(scaled, share=("alpha",))
-        assert other.effects[0].values[0] == pytest.approx(own.values[0] + 0.3, abs=1e-3)
-        assert other.alpha == pytest.approx(fit.alpha, rel=1e-3)
+        assert (other.effects[0].values[0], other.alpha) == pytest.approx(
+            (own.values[0] + 0.3, fit.alpha), rel=1e-3
+        )
         again = burrlab.Fit.from_dict(fit.to_dict()).likelihood
         assert again.objective(2.0, 0.08) == pytest.approx(fit.likelihood.objective(2.0, 0.08), rel=1e-12)
         assert len(fit.bootstrap(5, seed=1).c_e) == 5
@@ -806,8 +806,7 @@ class TestPairs:
     def test_of_a_load_cell(self):
         fits = [burrlab.fit(x, uncertain={"force": 0.02}) for x in pair_of_sets(3, 4, force=0.02)]
         shared, apart = (burrlab.compare(*fits, shared=names).pairs[0] for names in (("force",), ()))
-        widths = [x.velocity.at_middle.interval.ratio() for x in (shared, apart)]
-        assert np.log(widths[0]) < np.log(widths[1])
+        assert shared.velocity.at_middle.interval.ratio() < apart.velocity.at_middle.interval.ratio()
         other = burrlab.fit(fits[1].curve, uncertain={"force": 0.01})
         refused(
             (lambda: burrlab.compare(*fits, shared=("surface",)),

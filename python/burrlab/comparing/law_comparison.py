@@ -157,10 +157,11 @@ class LawRow:
         if fit.separately_identified:
             return f"c_e = {fit.c_e:.4g} N/mm^2, alpha = {fit.alpha:.4g} /ms"
         combination = f"alpha/c_e^{identified.exponent:.4g} = {identified.value:.3g}"
-        if ends.closed and not at_windows(ends, fit._window_bound):
+        bounded = ends.lower is None or at_windows(ends, fit._window_bound)
+        if ends.closed and not bounded:
             return f"c_e {span(ends)} N/mm^2; {combination}"
         low = fit.c_e if ends.lower is None else ends.lower
-        return f"c_e above {low:.3g}, set by the largest force; {combination}"
+        return f"c_e above {low:.3g}{', set by the largest force' * bounded}; {combination}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,8 +273,9 @@ class LawComparison(Tabulated):
         moved = [(x.delta_aic, f"{row.name} by {x.force:.2g} N (AIC {x.delta_aic:+.2g})")
                  for row in self.rows if (x := row.with_offset) and x.gain > CLOSE]  # fmt: skip
         texts = [text for delta, text in sorted(moved) if delta < CLOSE and delta < min(moved)[0] + CLOSE]
+        alone = " the velocities" * bool(len(self.observations.pressed))
         return [
-            f"With a force that is off, by a tare or a friction, these fit as well as {self.best.name} or better: "
+            f"With a force that is off, by a tare or a friction, these fit{alone} as well as {self.best.name} or better: "
             f"{', '.join(texts)}. Exponents are for a force that is right."
         ] if texts else []  # fmt: skip
 

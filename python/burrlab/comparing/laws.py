@@ -226,6 +226,13 @@ class LawLikelihood:
         scatter = np.sqrt(np.sum((y - y.mean() - q * x) ** 2) / max(len(y) - 2, 1))
         return q, float(max(scatter, MODEL_ERROR) / np.sqrt(x @ x))
 
+    def p_of_q(self, law: Law) -> float:
+        """Of a law's q, by the indentation alone; 1 where none tells it."""
+        if not self.tells_q:
+            return 1.0
+        q, error = self.pressed_exponent()
+        return 2 * float(special.stdtr(self.pressed_freedom, -abs(law.force_exponent - q) / error))
+
     def limit(self, level: float, freedom: float | None = None) -> float:
         """Rise of -2 log L that bounds an exponent's interval."""
         if self.known if freedom is None else self.pressed_known:
@@ -477,21 +484,24 @@ def _with_offsets(
     named: Mapping[str, Law | None],
     options: Mapping[str, Any],
 ) -> dict[str, WithOffset]:
-    """Each law with an offset of the force, by velocities alone; none where offsets are `uncertain`."""
+    """Each law with an offset of the force, by velocities alone; none where offsets are `uncertain`.
+
+    Nor of a law whose q an indentation contradicts, or of an offset that leaves the least force below 0.
+    """
     velocities = [x for x in first.data if not isinstance(x, Indentation)]
     alone = likelihood.velocities_alone if len(first.observations.pressed) else likelihood
     with_offsets = {}
     for name, law in named.items():
-        if law is None or options["uncertain"]:
+        if law is None or options["uncertain"] or likelihood.p_of_q(law) < POOR:
             continue
         with contextlib.suppress(ValueError):  # an overloaded run leaves the windows no c_e
             plain, moved = (
                 fit(velocities, burr, law=law, **options, estimate=names) for names in ((), ("force",))
             )
-            gain = plain.aic - moved.aic
-            if np.isfinite(gain):
+            gain, offset = plain.aic - moved.aic, moved.effects[-1].values[0]
+            if np.isfinite(gain) and offset > -alone.observations.force.min():
                 delta = alone.best(law).aic - alone.best(best).aic
-                with_offsets[name] = WithOffset(moved.effects[-1].values[0], gain, delta - gain)
+                with_offsets[name] = WithOffset(offset, gain, delta - gain)
     return with_offsets
 
 
@@ -499,12 +509,9 @@ def _of_another_scale(likelihood: LawLikelihood, law: Law | None, level: float) 
     """A sentence where an indentation of other forces by a factor would leave a law that is contradicted; else empty."""
     if law is None or not likelihood.tells_q:
         return ""
-    (q, error), alone = likelihood.pressed_exponent(), likelihood.velocities_alone
+    alone = likelihood.velocities_alone
     best = alone.best(law)
-    p_values = [test.p_value for test in _tests(alone, law, best.height)]
-    p_values.append(
-        2 * float(special.stdtr(likelihood.pressed_freedom, -abs(law.force_exponent - q) / error))
-    )
+    p_values = [*(test.p_value for test in _tests(alone, law, best.height)), likelihood.p_of_q(law)]
     if min(p_values) * len(p_values) < 1 - level:
         return ""
     predicted, _ = likelihood._predicted_presses(law, best.c_e)

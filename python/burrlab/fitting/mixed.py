@@ -62,6 +62,7 @@ _APART = 0.04  # relative difference of c_e's bound between neighbouring parts o
 _STEPS, _NEAR = 3, 1e-5  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
+_FARTHEST = 0.95  # of the least force, by which all may be less
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
@@ -120,7 +121,7 @@ def _reach(o: Observations, component: Component) -> tuple[float, float, float]:
     forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
     room, step = 0.5 * np.min(o.radius - o.window[0]), STEP * float(o.radius.max())
     reach = {
-        "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
+        "force": (STEP * forces.min(), -_FARTHEST * forces.min(), np.inf),
         "surface": (step, -0.5 * depths.min(), room),
         "radius": (step, -room, np.inf),
         "c_e": (EDGE, -np.inf, _MILLION),

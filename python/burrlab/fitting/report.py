@@ -231,8 +231,10 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     lines += [row.sentence for row in evidence.rows]
     ordered = order_tests(fit.likelihood, (fit.c_e, fit.alpha)) if of_groups_alone(fit.effects) else []
     if ordered and ordered[0].name != "drift":
+        labelled = fit.observations.groups
+        within = f" of each {labelled[0].name}" if labelled else ""
         lines.append(
-            "The rows are in the order of their forces: nothing tells a drift or days from the force."
+            f"The rows{within} are in the order of their forces: nothing tells a drift{' or days' * (not within)} from the force."
         )
     lines += repair_sentence(fit.repairs) if fit.n_points >= FEWEST else []
     lines += sensitivity_sentence(fit.sensitivity, evidence.profile.identified.exponent)

@@ -85,7 +85,7 @@ class Equivalence:
     p_below_chance : float
         p value of so low a score at d' = 0; no d' explains a small one.
     equivalent : bool
-        Whether d' >= Delta is rejected.
+        Whether d' >= Delta is rejected, by scores that are not below chance.
     power : float
         Probability of rejection at d' = 0, with these subjects, trials and numbers of answers.
     decidable_delta : float
@@ -117,13 +117,15 @@ class Equivalence:
         bound = "there is no upper bound" if math.isinf(self.upper) else f"upper bound {self.upper:.2f}"
         where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {probability_text(self.p_value)}"
         silent, below = self.subjects - self.informative, probability_text(self.p_below_chance)
+        if self.p_below_chance < _BELOW_CHANCE:
+            return (
+                f"Not decided: scores are below chance ({below}), which no d' explains: were answers swapped?"
+            )
         return "".join((
             f"Equivalent: below {self.delta:g} in {where}." if self.equivalent else
             f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a "
             "difference.",
             f" {silent} of {self.subjects} subjects gave one answer only: nothing is known of theirs." * bool(silent),
-            f" Scores are below chance ({below}), which no d' explains: were answers swapped?"
-            * (self.p_below_chance < _BELOW_CHANCE),
         ))  # fmt: skip
 
     def __str__(self) -> str:
@@ -188,8 +190,8 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
         trials=(min(sizes), max(sizes)),
         upper=group.upper(error),
         p_value=p_value,
-        p_below_chance=group.tails(0.0)[0],
-        equivalent=p_value <= error,
+        p_below_chance=(below := group.tails(0.0)[0]),
+        equivalent=p_value <= error and below >= _BELOW_CHANCE,
         power=power,
         decidable_delta=decidable,
     )

@@ -161,7 +161,7 @@ def test_command(tmp_path, capsys):
         (lambda: burrlab.run_sheet(FORCES, specimens=2.5, runs=8), ValueError, "specimens must be a whole number"),
         (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, drills=None), TypeError, "drills must be a sequence of names"),
         (lambda: burrlab.compare_power(PILOT, between=0.1), TypeError, "between must be a dict such as"),
-        (lambda: PILOT.curve.split("drill"), ValueError, "the rows have no drill, but no group"),
+        (lambda: PILOT.curve.split("drill"), ValueError, "the rows have no drill: name its column by groups="),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, match):

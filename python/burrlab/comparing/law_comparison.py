@@ -289,8 +289,8 @@ class LawComparison(Tabulated):
             "delta_error": [row.delta_error for row in rows],
             "p_value": [row.p_value for row in rows],
             "contradicted": [row.contradicted for row in rows],
-            "force_offset_N": [row.with_offset and row.with_offset.force for row in rows],
-            "delta_aic_with_offset": [row.with_offset and row.with_offset.delta_aic for row in rows],
+            "force_offset_N": [x.force if (x := row.with_offset) else np.nan for row in rows],
+            "delta_aic_with_offset": [x.delta_aic if (x := row.with_offset) else np.nan for row in rows],
             "constants": [row.constants for row in rows],
         }
 

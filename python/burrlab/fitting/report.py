@@ -75,8 +75,9 @@ def html_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def statistics(fit: FitRecord) -> dict[str, str]:
-    chi2 = "unknown, the data have no sigma" if fit.chi2_reduced is None else f"{fit.chi2_reduced:.4g}"
     o = fit.observations
+    lacking = "the data have no sigma" if np.isnan(o.sigma).all() else "some rows have no sigma"
+    chi2 = f"unknown, {lacking}" if fit.chi2_reduced is None else f"{fit.chi2_reduced:.4g}"
     radius = ", ".join(f"{R:g}" for R in sorted(set(o.radius.tolist())))
     distinct = len(np.unique(np.stack([o.force, o.radius]), axis=1).T)
     points = f"{fit.n_points}, velocities at {distinct} forces"

@@ -277,7 +277,7 @@ class VelocityCurve(TableData):
         """
         refuse(
             name not in self.groups,
-            f"the rows have no {name}, but {', '.join(self.groups) or 'no group'}: name its column by "
+            f"the rows have no {name}{', only ' * bool(self.groups)}{', '.join(self.groups)}: name its column by "
             f"groups={{{name!r}: heading}} of from_csv, or --groups {name}=HEADING",
         )
         curves = {}

@@ -20,6 +20,7 @@ from burrlab.psychophysics.group import (
     check_level,
 )
 from burrlab.psychophysics.rules import (
+    BELOW_CHANCE,
     RULES,
     Counts,
     Floats,
@@ -61,7 +62,6 @@ class Observer:
 
 WANTED_POWER = 0.8
 
-_BELOW_CHANCE = 0.01
 _DELTA_HALVINGS = 12  # of the range 0 to 20: steps of 0.005
 
 
@@ -117,7 +117,7 @@ class Equivalence:
         bound = "there is no upper bound" if math.isinf(self.upper) else f"upper bound {self.upper:.2f}"
         where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {probability_text(self.p_value)}"
         silent, below = self.subjects - self.informative, probability_text(self.p_below_chance)
-        if self.p_below_chance < _BELOW_CHANCE:
+        if self.p_below_chance < BELOW_CHANCE:
             return (
                 f"Not decided: scores are below chance ({below}), which no d' explains: were answers swapped?"
             )
@@ -191,7 +191,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
         upper=group.upper(error),
         p_value=p_value,
         p_below_chance=(below := group.tails(0.0)[0]),
-        equivalent=p_value <= error and below >= _BELOW_CHANCE,
+        equivalent=p_value <= error and below >= BELOW_CHANCE,
         power=power,
         decidable_delta=decidable,
     )

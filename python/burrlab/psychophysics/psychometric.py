@@ -18,8 +18,9 @@ from scipy.special import entr
 from burrlab.common.check import extra, refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
+from burrlab.common.table import probability_text
 from burrlab.psychophysics.designs import UNITS, checked_level
-from burrlab.psychophysics.rules import Floats, one_of
+from burrlab.psychophysics.rules import BELOW_CHANCE, Floats, one_of
 
 _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
@@ -250,7 +251,10 @@ class PsychometricFit:
     def __str__(self) -> str:
         low, high = self.interval
         least, most = min(self.ratios), max(self.ratios)
+        chance = scipy.stats.binomtest(sum(self.correct), sum(self.trials), self.guess_rate, "less").pvalue
+        below = f"scores are below chance ({probability_text(chance)}): were answers swapped?"
         lines = [
+            below * bool(chance < BELOW_CHANCE),
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
             f"extrapolated: the levels go from {least:.3g} to {most:.3g}"

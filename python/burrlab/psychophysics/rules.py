@@ -29,6 +29,8 @@ RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
 KEYS = "12"
 #: Share of random answers of an observer, where nothing else is said (ours).
 LAPSE = 0.02
+#: p value at chance, below which scores are said to be below it: were answers swapped? (ours)
+BELOW_CHANCE = 0.01
 #: Answers in the order of their keys.
 ANSWERS: Mapping[TaskName, tuple[str, str]] = {
     "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),

@@ -469,12 +469,16 @@ class Fit(FitRecord, Tabulated):
         (group,) = (group for group in (o.sets, *o.groups) if group.name == name)
         levels = self.levels(name)
         ax.set(xscale="log" if log else "linear", yscale="log" if log else "linear")
-        for look, (label, (c_e, alpha)) in zip(itertools.cycle(SERIES), levels.items(), strict=False):
+        for k, (label, (c_e, alpha)) in enumerate(levels.items()):
+            look = SERIES[k % len(SERIES)]
             rows, text = (
                 group.velocity == group.levels.index(label),
                 label if label.startswith(name) else f"{name} {label}",
             )
             dress: dict[str, Any] = {"color": look["color"], "linestyle": "", "marker": look["marker"]}
+            dress |= (
+                {"mfc": "white"} if k // len(SERIES) % 2 else {}
+            )  # those that have the look of one before
             text = text if len(levels) <= _NAMED else "_"
             ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)
             for R in sorted(set(o.radius[rows & np.isnan(o.window_start)].tolist())):

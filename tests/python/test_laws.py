@@ -330,16 +330,16 @@ class TestOddData:
         pressed = burrlab.synthetic_indentation(
             burrlab.Burr(3.0), burrlab.materials["bone"], DEPTHS, repeats=4, scatter=0.05, seed=1
         )
-        with_presses = compare_laws([curve, pressed])["kobra"]  # which these contradict
-        assert with_presses.with_offset is None
+        assert compare_laws([curve, pressed])["kobra"].with_offset is None  # as these contradict it
 
     def test_presses_of_a_small_q(self):
         for q in (0.9, 1.0):
             h = np.repeat(DEPTHS, 4)
             force = 5 * h**q * np.exp(0.05 * np.random.default_rng(2).normal(size=16))
-            found = compare_laws([*laboratory(Law()), Indentation(force, h, 3.0)]).exponents["q"]
-            assert q in found.intervals["95"]
-            assert found.intervals["99.7"].closed
+            compared = compare_laws([*laboratory(Law()), Indentation(force, h, 3.0)])
+            assert q in compared.exponents["q"].intervals["95"]
+            assert ("No law here has q below 1" in compared.report()) == (q < 1)
+            assert compared.exponents["q"].intervals["99.7"].closed
 
 
 @pytest.mark.slow

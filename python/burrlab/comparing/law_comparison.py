@@ -32,6 +32,7 @@ from burrlab.theory.continuum import Law
 
 HARDER = 1.1  # by how much the scale of an indentation's forces may be off, as an example
 CLOSE = 4.0  #: difference of AIC below which laws are not told apart
+_LEAST = {"s": 0.0, "q": 1.0, "m": 0.0}  # of a law
 _MANY = 3.0  # velocities that are off by a larger factor are left out of the figure
 _MEANS = {
     "s": "Velocities determine s = 2 (k + 1)/q + m, with v ~ F^s at small forces",
@@ -232,6 +233,11 @@ class LawComparison(Tabulated):
             f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})"
             f"{'' if exponent.if_harder is None else f'{harder}{exponent.if_harder:.3g}'}."
             for name, exponent in self.exponents.items()
+        ]
+        lines += [
+            f"No law here has {name} below {least:g}: are the columns right?"
+            for name, least in _LEAST.items()
+            if name in self.exponents and (self.exponents[name].intervals["95"].upper or least) < least
         ]
         lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
         if several:

@@ -393,6 +393,12 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     )
 
 
+def restarting(o: Observations) -> str:
+    """The first group with three rows of the curves to a label, with each of which a drift may begin anew; or nothing."""
+    n = np.count_nonzero(o.run < 0)
+    return next((x.name for x in o.groups if 1 < len(x.levels) <= n / 3), "")
+
+
 def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
     """Whether the curves' residuals go with the order of the rows, or their scatter with the force.
 
@@ -426,7 +432,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
     if below < 6 or e @ e <= 1e-20 * max(float(r @ r), 1e-300):
         return []
     tests = []
-    group = next((x.name for x in o.groups if 1 < len(x.levels) <= n / 3), "")
+    group = restarting(o)
     last, by = (f"of each {group} to the last of the longest", f":{group}") if group else ("to the last", "")
     number = o.order(group)[o.run < 0]
     drift = number - basis @ (basis.T @ number)

@@ -134,8 +134,8 @@ def fit(
         Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
         ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear), where alpha is that of
         the middle. ``"order:day"`` begins anew each day, as with a new burr, ``"order:data set"`` with each data
-        set; its last run is that of the longest. Each has a normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our
-        choice): wider than data that tell them leave open.
+        set; its last run is that of the longest. Each has a normal prior, of standard deviation half the median
+        force, R/10 or 1 in ln v (our choice): wider than data that tell them leave open.
     share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
         What several data sets have in common. Without alpha, such as of two drills in one bone, each has an alpha of
         its own; without c_e, a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'

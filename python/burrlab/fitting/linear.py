@@ -254,9 +254,8 @@ class LinearModel(RowProducts):
         }
         columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
         columns |= {name: [rows.J[:, k] for rows in self.rows] for k, name in enumerate(("c_e", "alpha"))}
-        for x in (
-            x for x in components if x.quantity == "order"
-        ):  # ln v rises from the first run to the last
+        # of a drift, ln v rises from the first run to the last
+        for x in (x for x in components if x.quantity == "order"):
             order = likelihood.observations.order(x.restarts)
             columns["order"] = [
                 -order[rows.at] if rows.name == "velocity" else np.zeros(len(rows.r)) for rows in self.rows

@@ -18,7 +18,7 @@ from scipy import special
 
 from burrlab.common.table import by_value, probability_text
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
-from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, rms_off
+from burrlab.fitting.diagnostics import NO_MATTER, HypothesisTest, judged, restarting, rms_off
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EACH,
@@ -895,8 +895,8 @@ def _offset_sentences(
             sentences.append(
                 f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {probability_text(x.p_value)})."
             )
-            if x.quantity == "order" and not component.restarts and likelihood.observations.groups:
-                name = likelihood.observations.groups[0].name
+            name = restarting(likelihood.observations)
+            if name and x.quantity == "order" and not component.restarts:
                 sentences.append(f"If it begins anew with each {name}: estimate=('order:{name}',).")
             weak = component.deviation or 0.0
             if x.errors[0] > weak / 2:

@@ -9,7 +9,7 @@ import numpy as np
 
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
-from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
+from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests, restarting
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import against_indentation, of_groups_alone
 from burrlab.fitting.record import Evidence, FitRecord
@@ -232,8 +232,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
     lines += [row.sentence for row in evidence.rows]
     ordered = order_tests(fit.likelihood, (fit.c_e, fit.alpha)) if of_groups_alone(fit.effects) else []
     if ordered and ordered[0].name != "drift":
-        labelled = fit.observations.groups
-        within = f" of each {labelled[0].name}" if labelled else ""
+        within = f" of each {group}" if (group := restarting(fit.observations)) else ""
         lines.append(
             f"The rows{within} are in the order of their forces: nothing tells a drift{' or days' * (not within)} from the force."
         )

@@ -476,9 +476,8 @@ class Fit(FitRecord, Tabulated):
                 label if label.startswith(name) else f"{name} {label}",
             )
             dress: dict[str, Any] = {"color": look["color"], "linestyle": "", "marker": look["marker"]}
-            dress |= (
-                {"mfc": "white"} if k // len(SERIES) % 2 else {}
-            )  # those that have the look of one before
+            if k // len(SERIES) % 2:  # the look is that of an earlier one
+                dress["mfc"] = "white"
             text = text if len(levels) <= _NAMED else "_"
             ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)
             for R in sorted(set(o.radius[rows & np.isnan(o.window_start)].tolist())):

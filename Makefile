@@ -43,7 +43,7 @@ demo: $(VENV)/installed
 test: $(VENV)/developed
 	$(CONFIGURE) -DBURRLAB_TESTS=ON
 	$(BIN)/cmake --build build
-	$(BIN)/ctest --test-dir build --output-on-failure
+	$(BIN)/ctest --test-dir build -j 2 --output-on-failure
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

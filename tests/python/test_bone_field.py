@@ -203,6 +203,7 @@ def normal_scatter(rng, sd=0.05, shape=(3, 5)):
     return Scatter(np.arange(1.0, 1 + shape[0]), log, 0 * log, ("ok",) * log.size, FIELD, BURR, BONE)
 
 
+@pytest.mark.slow
 def test_intervals_and_p_values_are_honest():
     """Coverage of both intervals and rejections in 1000 predictions from normal ln v.
 

@@ -104,7 +104,7 @@ class TestEffects:
         v *= np.exp(within * random.normal(size=len(v)))
         return VelocityCurve(self.FORCE, v, radius=3.0, specimen=self.LEVEL)
 
-    @pytest.mark.parametrize("kind", ["parametric", "groups"])
+    @pytest.mark.parametrize("kind", [pytest.param("parametric", marks=pytest.mark.slow), "groups"])
     @pytest.mark.parametrize("of_c_e", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
     def test_agrees_with_the_profile(self, kind, of_c_e):
         """Percentiles of 100 have 20 % error; t of 7 degrees of freedom is 18 % wider than the normal's."""

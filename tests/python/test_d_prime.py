@@ -293,7 +293,10 @@ def test_coverage_of_twelve_trials(task, rule, shift):
     check_rows(enumerate_estimator(task, rule, trials=12, shift=shift, d_primes=np.linspace(0.0, 4.0, 17)))
 
 
-@pytest.mark.parametrize(("task", "rule"), [("same-different", DIFFERENCING), ("abx", INDEPENDENT)])
+@pytest.mark.parametrize(
+    ("task", "rule"),
+    [("same-different", DIFFERENCING), pytest.param("abx", INDEPENDENT, marks=pytest.mark.slow)],
+)
 def test_coverage_of_the_intervals_themselves(task, rule):
     """Coverage by `d_prime` of every outcome of 6 trials."""
     law, d_primes = rule_of(task, rule), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)

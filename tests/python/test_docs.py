@@ -153,7 +153,11 @@ _ARGUMENTS = {
 
 
 @pytest.mark.parametrize(
-    "script", sorted({p.name for p in (ROOT / "examples").glob("*.py")} - _RUN_ELSEWHERE)
+    "script",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "offsets.py" else ())
+        for name in sorted({p.name for p in (ROOT / "examples").glob("*.py")} - _RUN_ELSEWHERE)
+    ],
 )
 def test_examples_run(script, here, monkeypatch):
     monkeypatch.setattr(sys, "argv", [script, *_ARGUMENTS.get(script, [])])

@@ -54,8 +54,9 @@ def test_a_value_of_another_kind_is_refused_or_harmless(tmp_path: Path, what: st
         numbers = ["c_e", "alpha", "residual", "n_points"]
     good = json.loads(path.read_text())
     places = [(key,) for key in good] + [(a, b) for a in good if isinstance(good[a], dict) for b in good[a]]
-    for *parents, key in places:
-        for value in (None, [], "x", 10**400, float("nan"), [[1]], "missing"):
+    values = [None, [], "x", 10**400, float("nan"), [[1]], "missing"]
+    for place, (*parents, key) in enumerate(places):
+        for value in values if key in numbers else values[place % 3 :: 3]:
             changed = at = {**good}
             if parents:
                 at = changed[parents[0]] = {**good[parents[0]]}

@@ -194,7 +194,7 @@ class TestOffsets:
 
     @pytest.mark.parametrize(("offset", "deviation"), [("force", 0.02), ("surface", 0.05), ("radius", 0.06)])
     def test_likelihood_is_that_of_an_average_over_the_offset(self, offset, deviation):
-        """-2 log L rises as the average of the plain one over 400 values of the offset does, within 10 %."""
+        """-2 log L rises as the average of the plain one over 100 values of the offset does, within 10 %."""
         curve, _ = off(2, **{offset: deviation})
         fit = burrlab.fit(curve, groups=(), uncertain={offset: deviation})
         scatter2, o = fit.evidence.mixed.scatter2[0], fit.observations
@@ -203,7 +203,7 @@ class TestOffsets:
             for c_e in fit.intervals["c_e"]["68"].__dict__.values()
             for by in (0.95, 1.05)
         ]
-        drawn = deviation * special.ndtri((np.arange(400) + 0.5) / 400)
+        drawn = deviation * special.ndtri((np.arange(100) + 0.5) / 100)
         squares = np.array([[
             np.sum((np.log(o.velocity / alpha) - MeanFieldModel(o.moved(offset, by, by), BONE.shape).log_unit(c_e)) ** 2)
             for c_e, alpha in points] for by in drawn]) / scatter2  # fmt: skip

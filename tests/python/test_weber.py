@@ -185,6 +185,7 @@ def test_a_bound_on_a_side():
     )
 
 
+@pytest.mark.slow
 def test_the_slope_is_held_where_thresholds_lie_beyond_the_levels():
     """Three in ten do. Left out, they would bias the slope by -0.2, and 37 of 60 intervals would hold it."""
     held, means, levels = 0, [], np.exp(np.geomspace(math.log(1.05), math.log(2.0), 6))
@@ -282,7 +283,7 @@ def test_a_slope_that_was_set_comes_back(tmp_path):
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 4))])
 def test_beside_psignifit(seed):
     """psignifit 4's threshold of the same 400 trials, at 75 %, is within half a standard error; priors differ."""
     pytest.importorskip("psignifit", reason="extra `psychometric` is not installed")

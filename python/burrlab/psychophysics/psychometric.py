@@ -248,13 +248,24 @@ class PsychometricFit:
         differences = np.abs(np.log(np.asarray(levels, dtype=np.float64)))
         return proportion_correct(differences, math.log(self.threshold), self.slope, self.lapse)
 
+    def _fall(self) -> float:
+        """One-sided p that scores fall with ln |ln ratio| (Cochran and Armitage's test of a trend)."""
+        n, right = np.array(self.trials), np.array(self.correct)
+        share, x = right.sum() / n.sum(), np.log(np.log(self.ratios))
+        x = x - n @ x / n.sum()
+        deviation = math.sqrt(share * (1.0 - share) * (n @ x**2))
+        return float(scipy.stats.norm.cdf(right @ x / deviation)) if deviation else 0.5
+
     def __str__(self) -> str:
         low, high = self.interval
         least, most = min(self.ratios), max(self.ratios)
         chance = scipy.stats.binomtest(sum(self.correct), sum(self.trials), self.guess_rate, "less").pvalue
         below = f"scores are below chance ({probability_text(chance)}): were answers swapped?"
+        fall = self._fall()
+        falling = f"scores fall as the difference grows ({probability_text(fall)}): were levels swapped?"
         lines = [
             below * bool(chance < BELOW_CHANCE),
+            falling * bool(fall < BELOW_CHANCE),
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
             f"extrapolated: the levels go from {least:.3g} to {most:.3g}"

@@ -143,7 +143,7 @@ void stall() {
   std::atomic<bool> halted_meanwhile{false};
   run.device->what = [&](int n, DeviceReading&) {
     if (n != 30) return;
-    for (int i = 0; i < 100 && !run.device->halted; ++i) sleep(10);
+    for (int i = 0; i < 1000 && !run.device->halted; ++i) sleep(10);
     halted_meanwhile = run.device->halted.load();
   };
   run.to_end();

@@ -363,7 +363,7 @@ def test_thresholds():
     limited = StaircaseThreshold(1.3, 0.26, None, 0.75, 8, 60, 5, True)
     open_one = replace(made, subjects=(made.subjects[0], replace(made.subjects[1], estimate=limited)))
     assert group_lines(open_one)[-1].startswith("Some of these thresholds may lie beyond the levels")
-    assert group_lines(made)[-1].startswith("group: ")
+    assert group_lines(made)[-1].startswith("The group is without 1 of 3 subjects, who have no threshold")
 
 
 def test_psychometric_function():

@@ -197,7 +197,7 @@ def test_a_correct_flag_of_two_intervals_contradicts_another_row(tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({}, "what the task is is unknown: give task="),
+        ({}, "is not beside it, which tells the task; or give task="),
         ({"task": "odd"}, "task must be one of same-different, abx, 2ifc, got 'odd'"),
         ({"task": "same-different"}, "the subject is unknown: name the file"),
         *(

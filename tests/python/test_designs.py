@@ -408,9 +408,9 @@ def test_the_limit_holds_and_is_said():
     assert staircase(limit=2.0).limit == 2.0  # as far from 1 as the start
     mixed = [False, False, True, True, False, True, True, False, True, True]
     trials = levels(run(design, mixed))
-    said = str(design.threshold(trials, mixed[: len(trials)]))
-    assert said.startswith("70.7 % correct at a ratio of ")
-    assert "at the limit, so the threshold is too small" in said
+    assert "at the limit, so the threshold may be too small" in str(
+        design.threshold(trials, mixed[: len(trials)])
+    )
     beyond_all_numbers = staircase(step=1e308, up_weight=2.0, discard=0, limit=8.0)
     assert levels(run(beyond_all_numbers, [False] * 4))[-1] == pytest.approx(8.0)
 

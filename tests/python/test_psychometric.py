@@ -81,8 +81,7 @@ def test_ends_that_the_prior_sets_and_thresholds_beyond_the_levels_are_said(fitt
     weak = made(correct=(20, 21, 20, 22, 26))
     assert "extrapolated: the levels go from 1.03 to 1.5" in str(weak)
     assert "extrapolated" not in str(fitted)
-    odd = (str(made(correct=correct)) for correct in ((12, 9, 8, 5, 4), (40, 35, 30, 25, 20)))
-    assert [text.split(" (p < 0.0001)")[0] for text in odd] == [
+    assert [str(made(correct=right)).split(" (p < 0.0001)")[0] for right in ((12, 9, 8, 5, 4), (40, 35, 30, 25, 20))] == [
         "scores are below chance", "scores fall as the difference grows",
     ]  # fmt: skip
     assert "the upper end of the threshold is set by the prior, not by the data" in str(weak)

@@ -385,11 +385,15 @@ def test_catch_trials(tmp_path):
     made = protocol(
         tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\ncatch = 4\nblocks = 2")
     )
-    run(made, "01", "up", lambda trial: trial.phase == "main" and trial.level > 1.2)
+    for name in ("01", "02"):
+        run(made, name, "up", lambda trial, x=name: x == "01" and trial.phase == "main" and trial.level > 1.2)
     (task,) = (task for task in analyse(made).tasks if task.name == "up")
-    (subject,) = task.subjects
+    subject, lines = task.subjects[0], "\n".join(group_lines(task))
     assert (subject.catch, subject.complete) == ((2.0, 0, 4), True)
-    assert "01: 0 of 4 catch trials right" in "\n".join(group_lines(task))
+    assert all(text in lines for text in (
+        "01: 0 of 4 catch trials right, so lapses (random answers) in 80 to 100 %, if a ratio of 2 is felt, and more than",
+        "02: scores are below chance (p < 0.0001): were answers swapped?",
+    ))  # fmt: skip
     plain = protocol(tmp_path, SMALL.replace("trials = 10", "trials = 40\nreversals = 40\nblocks = 2")).order(
         "01", "up"
     )

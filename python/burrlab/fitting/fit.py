@@ -631,9 +631,6 @@ def _weighed(
         *silent_groups(o, effects),
         *(test.sentence for test in known if test.sentence not in fits.sentence),
         conclusion,
-        "Intervals of traces alone are too narrow: those called 95 % hold c_e, and alpha, in 91 % of made-up sets."
-        if len(o.force) and (o.run >= 0).all() and not len(o.pressed)
-        else "",
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, effects, calibration, profiled.identified),
         next_law(likelihood, fits.poor),

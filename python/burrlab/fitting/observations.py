@@ -303,10 +303,11 @@ class Observations:
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
+        runs = np.unique(self.run[keep & (self.run >= 0)])
         return self.taken(
             np.flatnonzero(keep),
             np.arange(len(self.pressed)),
-            run=self.run[keep],
+            run=np.where(self.run >= 0, np.searchsorted(runs, self.run), -1)[keep],
             groups=tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups),
         )
 

@@ -83,7 +83,7 @@ class LevelLeftOut:
     """A fit without the velocities of one day or specimen."""
 
     label: str
-    n: int  #: velocities that were left out
+    n: int  #: velocities that were left out; a trace has five
     c_e: float  #: without them [N/mm^2]; NaN where nothing could be fitted, as the next two
     alpha: float  #: [1/ms]
     combination: float  #: alpha/c_e^p, with the fit's p

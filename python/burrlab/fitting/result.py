@@ -340,22 +340,23 @@ class Fit(FitRecord, Tabulated):
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
-        most_freedom = {("run", "student"): FREEDOM}.get((new, self.residual_kind), 1e9)
+        # with more degrees of freedom that of a new run could be narrower than that of a new group, or of the mean
+        names = dict.fromkeys(("", *(sorted(groups) if new == "run" else ()), new))
         exponents = self._exponents(np.atleast_1d(np.asarray(force, np.float64)), R, new)
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
                 n = float(exponents[i])
                 direction = np.array([-n, 1.0])
-                weights = [
-                    *(float(new == "run" and x.name == "velocity") for x in scatters),
-                    *((n**2 if x.quantity == "c_e" else 1.0) * (new in ("run", x.group)) for x in estimated),
-                ]
                 variance, nu = calibration.variance(direction)
-                # with more degrees of freedom that of a new run could be narrower than that of the mean
-                for part, most in ((0.0, 1e9), (1.0, most_freedom)):
-                    added = part * float(np.dot(weights, variances))
+                for name in names:
+                    weights = np.array([
+                        *(float(name == "run" and x.name == "velocity") for x in scatters),
+                        *((n**2 if x.quantity == "c_e" else 1.0) * (name in ("run", x.group)) for x in estimated),
+                    ])  # fmt: skip
+                    added = float(weights @ variances)
                     if isinstance(calibration, MixedCalibration):
-                        nu = calibration.freedom(direction, part * np.array(weights), added)
+                        nu = calibration.freedom(direction, weights, added)
+                    most = {("run", "student"): FREEDOM}.get((name, self.residual_kind), 1e9)
                     t = -special.stdtrit(min(nu, most), (1 - LEVELS[level_name(level)]) / 2)
                     half[i] = np.fmax(half[i], t * np.sqrt(variance + added))
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))

@@ -188,11 +188,13 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
                 f"{subject.subject}: limits shortened the force in {clipped} trials, which Weber fractions leave out"
             )
         if subject.catch is not None:
-            _, right, caught = subject.catch
+            easy, right, caught = subject.catch
             share = scipy.stats.binomtest(right, caught).proportion_ci(task.level)
+            low, high = (min(2.0 * (1.0 - end), 1.0) for end in (share.high, share.low))
             lines.append(
-                f"{subject.subject}: {right} of {caught} catch trials right, so lapses (random answers) in "
-                f"{100 * max(2.0 * (1.0 - share.high), 0.0):.0f} to {100 * min(2.0 * (1.0 - share.low), 1.0):.0f} %"
+                f"{subject.subject}: {right} of {caught} catch trials right, so lapses (random answers) in {100 * low:.0f} to "
+                f"{100 * high:.0f} %, if a ratio of {easy:g} is felt"
+                f"{', and more than the 10 % that thresholds at 75 % allow for' * (low > 0.1)}"
             )
     if (group := task.group_threshold) is not None:
         end = f"{group[2]:.3f}" if 0.0 < group[2] < math.inf else "no end, as the subjects differ much"
@@ -200,6 +202,11 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
             f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {end} (geometric mean of |ln ratio|, by t, "
             "the subject as the unit)"
         )
+        if without := sum(subject.threshold in (None, 1.0) for subject in task.subjects):
+            lines.append(
+                f"The group is without {without} of {len(task.subjects)} subjects, who have no threshold (who never errs has "
+                "none): it may be too large or too small."
+            )
         if any(subject.open for subject in task.subjects):
             lines.append(
                 "Some of these thresholds may lie beyond the levels: then that of the group and its interval are wrong."

@@ -417,7 +417,7 @@ def _labels(file: str, car: SideCar | None, options: Mapping[str, str | None]) -
         )
     refuse(
         labels["task"] is None,
-        f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}",
+        f"{file}: {side_car_path(file).name} is not beside it, which tells the task; or give task=, one of {', '.join(TASKS)}",
     )
     labels["name"] = labels["name"] or labels["task"]
     return labels

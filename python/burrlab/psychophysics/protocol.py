@@ -321,9 +321,10 @@ def without_folder(device: str) -> str:
 def burr_and_bone_of(file: TomlTable, folder: Path) -> tuple[Burr, Block]:
     """The burr and bone of [burr] and [bone], which must fit; a volume's path is relative to the folder."""
     table = file.table("burr")
-    with table.errors():
-        burr = Burr(table.get("radius_mm", _NUMBER))
+    radius = table.get("radius_mm", _NUMBER)
     table.done()
+    with table.errors():
+        burr = Burr(radius)
     table = file.table("bone")
     size, voxel = table.get("size_mm", _LIST), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)

@@ -368,7 +368,7 @@ class StaircaseThreshold:
         Reversals that count.
     trials : int
     at_limit : int
-        Trials at the limit; if there are any, the threshold is too small.
+        Trials at the limit; if many are, the threshold is too small.
     complete : bool
         Whether the staircase came to its end.
     """
@@ -388,7 +388,9 @@ class StaircaseThreshold:
                 f"no threshold: {self.reversals} reversals that count in {self.trials} trials, two are needed"
             )
         spread = f", pairs of reversals spread by a factor of {self.spread:.2f}" if self.spread else ""
-        limit = f"; {self.at_limit} trials at the limit, so the threshold is too small" * bool(self.at_limit)
+        limit = f"; {self.at_limit} trials at the limit, so the threshold may be too small" * bool(
+            self.at_limit
+        )
         return (
             f"{100 * self.target:.1f} % correct at a ratio of {self.level:.3g} ({self.reversals} reversals, "
             f"{self.trials} trials{spread}){limit}{'' if self.complete else '; not complete'}"
@@ -534,6 +536,7 @@ class AdaptiveStaircase(Staircased):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        refuse(len(self.levels) != 2, f"levels must be two, the nearer to 1 first, got {len(self.levels)}")
         near, far = (checked_level("levels", level) for level in self.levels)
         refuse(
             not math.log(far) / math.log(near) > 1.0,

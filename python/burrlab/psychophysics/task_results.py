@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
-from burrlab.common.table import holm
+from burrlab.common.table import holm, probability_text
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.designs import TaskDesign
 from burrlab.psychophysics.group import (
@@ -31,7 +31,7 @@ from burrlab.psychophysics.psychometric import (
     psychometric_function,
     summed,
 )
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
+from burrlab.psychophysics.rules import BELOW_CHANCE, Counts, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
     PairCheck,
@@ -777,6 +777,11 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
         interval = near, far
     elif estimate is not None:
         threshold, interval = estimate.level, getattr(estimate, "interval", None)
+    if (counts := subject.counts) is not None:
+        chance = scipy.stats.binomtest(counts.score, counts.trials, alternative="less").pvalue
+        if chance < BELOW_CHANCE and not isinstance(estimate, PsychometricFit):
+            text += f"\nscores are below chance ({probability_text(chance)}): were answers swapped?"
+        text += "\none answer was always given" * (counts.hits + counts.false_alarms in (0, counts.trials))
     # A staircase may end before its last trial.
     over = isinstance(estimate, StaircaseThreshold) and estimate.complete
     return SubjectThreshold(

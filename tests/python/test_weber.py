@@ -140,7 +140,7 @@ def test_what_is_left_out():
     assert function.left_out == odd
     assert function.slope == SensitivityFunction.of(rows).slope
     assert (
-        "2 of 42 are left out, as nothing is beside them or they may lie beyond either end: 0 at 16, lonely at 1"
+        "2 of 42 are left out, as their subjects have no other within the levels, or as they may lie beyond either end: 0 at 16, lonely at 1"
         in str(function)
     )
     assert WeberFraction("0", 1.0, 0.9, math.inf, open=True).open

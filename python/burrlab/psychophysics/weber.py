@@ -438,7 +438,10 @@ class SensitivityFunction(Tabular):
         everyone = [*self.fractions, *self.left_out]
         for rows, why in (
             ([row for row in self.fractions if row.open], "may lie beyond the levels, and count as such"),
-            (self.left_out, "are left out, as nothing is beside them or they may lie beyond either end"),
+            (
+                self.left_out,
+                "are left out, as their subjects have no other within the levels, or as they may lie beyond either end",
+            ),
         ):
             if names := ", ".join(f"{row.subject} at {row.reference:.3g}" for row in rows):
                 lines.append(f"{len(rows)} of {len(everyone)} {why}: {names}")

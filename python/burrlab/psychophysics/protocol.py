@@ -510,6 +510,9 @@ class Protocol:
         get = experiment.get
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
         burr, bone = burr_and_bone_of(file, path.parent)
+        for key in ("materials", "tasks", "analysis"):
+            file.value(key, None)
+        file.done()
         tasks, interleaved = designs_of(file)
         protocol = cls(
             path=path,
@@ -553,7 +556,6 @@ class Protocol:
             analysis=analysis_of(file.table("analysis", needed=False)),
         )
         experiment.done()
-        file.done()
         comparisons = {task: x for task, x in tasks.items() if isinstance(x, ComparisonDesign)}
         for task, design in comparisons.items():
             file.refuse(

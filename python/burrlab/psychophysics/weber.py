@@ -495,7 +495,7 @@ class SensitivityFunction(Tabular):
         span = np.geomspace(min(references), max(references), 200)
         w, low, high = np.array([self.fraction_at(float(p0)) for p0 in span]).T
         look = styled(style, color=VELOCITY, linewidth=1.8)
-        ax.plot(span, 1.0 / w, **({"label": f"group, 1/W as {self.parameter}^{-self.slope.mean:.2f}"} | look))
+        ax.plot(span, 1.0 / w, **({"label": f"group, whose mean slope is {-self.slope.mean:.2f}"} | look))
         if self.slope.subjects > 1:
             ax.fill_between(span, 1.0 / high, 1.0 / low, color=look["color"], alpha=0.2, linewidth=0)
         bottom, top = ax.get_ylim()

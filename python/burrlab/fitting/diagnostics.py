@@ -635,7 +635,7 @@ def doubts(likely: "Plausibility | None", o: Observations, rows: Sequence[Row]) 
         f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
         "but are no repeats.": copied.any(),
         f"Rows that stand out: {', '.join(far)}.": far,
-        "Intervals by traces are too narrow: those called 95 % hold c_e, and alpha, in 91 % of made-up sets.":
+        "Intervals by traces are too narrow: those called 95 % hold c_e in 91 % of made-up sets (docs/inference.md).":
             (o.run >= 0).any() and not len(o.pressed),
     }  # fmt: skip
     return [text for text, applies in doubtful.items() if applies]

@@ -20,6 +20,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import CodeType, FrameType
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
@@ -37,24 +38,24 @@ CORE_TESTS = {
 
 # ---- what each test file runs ----
 
-_ran: set[tuple[str, str]] = set()
+_ran: dict[int, CodeType] = {}
 
 
-def _note(frame: Any, event: str, _: Any) -> None:
-    if event == "call" and frame.f_code.co_filename.startswith(str(PACKAGE)):
-        _ran.add((Path(frame.f_code.co_filename).name, frame.f_code.co_qualname))
+def _note(frame: FrameType, *_: object) -> None:
+    _ran[id(frame.f_code)] = frame.f_code
 
 
 def pytest_configure() -> None:
     if "MUTANTS_CALLS" in os.environ:
-        threading.setprofile(_note)
-        sys.setprofile(_note)
+        threading.settrace(_note)
+        sys.settrace(_note)
 
 
 def pytest_unconfigure() -> None:
     if "MUTANTS_CALLS" in os.environ:
-        sys.setprofile(None)
-        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted({name for _, name in _ran})))
+        sys.settrace(None)
+        ran = {code.co_qualname for code in _ran.values() if code.co_filename.startswith(str(PACKAGE))}
+        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted(ran)))
 
 
 def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:

@@ -627,7 +627,8 @@ def _label(label: object) -> str:
     """A label as text, "" for none; 2.0 and 2 are one."""
     if isinstance(label, float | np.floating):
         return "" if math.isnan(label) else f"{label:.15g}"
-    return "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
+    text = "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
+    return re.sub(r"^(\d+)[.,]0+$", r"\1", text)  # a spreadsheet made it a decimal number
 
 
 def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":

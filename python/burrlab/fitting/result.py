@@ -472,14 +472,11 @@ class Fit(FitRecord, Tabulated):
         ax.set(xscale="log" if log else "linear", yscale="log" if log else "linear")
         for k, (label, (c_e, alpha)) in enumerate(levels.items()):
             look = SERIES[k % len(SERIES)]
-            rows, text = (
-                group.velocity == group.levels.index(label),
-                label if label.startswith(name) else f"{name} {label}",
-            )
+            rows = group.velocity == group.levels.index(label)
             dress: dict[str, Any] = {"color": look["color"], "linestyle": "", "marker": look["marker"]}
             if k // len(SERIES) % 2:  # the look is that of an earlier one
                 dress["mfc"] = "white"
-            text = text if len(levels) <= _NAMED else "_"
+            text = _level_text(name, label) if len(levels) <= _NAMED else "_"
             ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)
             for R in sorted(set(o.radius[rows & np.isnan(o.window_start)].tolist())):
                 force = _span_of(o.force[rows & (o.radius == R)], self.law, c_e, R, log)
@@ -516,11 +513,11 @@ class Fit(FitRecord, Tabulated):
                     {"linestyle": "", **style}, color=look["color"], marker=look["marker"], markersize=5
                 ),
             )
-            names += [label if label.startswith(x.group) else f"{x.group} {label}" for label in x.levels]
+            names += [_level_text(x.group, label) for label in x.levels]
         ax.axvline(0, color=REFERENCE, linewidth=0.8)
         ax.set(
             yticks=range(len(names)),
-            yticklabels=[x if len(x) < 30 else f"{x[:29]}…" for x in names],
+            yticklabels=names,
             ylim=(len(names) - 0.5, -0.5),
         )
         ax.set_xlabel("100 ln of its value over the population's [%]")
@@ -772,6 +769,12 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     if kinks:
         ax.plot([], [], color=REFERENCE, ms=11, label="kink: $c_e$ shows above", **bar)
     return ax
+
+
+def _level_text(group: str, label: str) -> str:
+    """The name of a group's level in a figure."""
+    text = label if label.startswith(group) else f"{group} {label}"
+    return (text if len(text) < 30 else f"{text[:29]}…").replace("$", r"\$")
 
 
 def _span_of(force: Floats, law: Law, c_e: float, R: float, log: bool) -> Floats:

@@ -47,8 +47,13 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
     }.items()
 }  # fmt: skip
 _KNOWN = sorted((unit for factors in UNITS.values() for unit in factors), key=len, reverse=True)
-_TAIL = re.compile(rf"(?:^|[\s_,/=])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
 _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
+_TAIL = re.compile(rf"(?:^|[\s_,/=])({'|'.join(unit.replace('/', '[/_]') for unit in (*_KNOWN, *_MEANT))})$")
+_WORDS = {
+    r"newtons?": "N", r"gramm?s?": "gf", r"kilogramm?s?": "kgf", r"pounds?": "lbf", r"millimet(er|re)s?": "mm",
+    r"microns?|micromet(er|re)s?": "um", r"centimet(er|re)s?": "cm", r"inch(es)?": "in",
+    r"millisec(ond)?s?|millisekunden?": "ms", r"sec(ond)?s?|sekunden?": "s", r"minute[ns]?": "min",
+}  # fmt: skip
 
 DataSet = TypeVar("DataSet", bound=TableData)
 
@@ -378,7 +383,8 @@ class TableLayout:
         unit, in_brackets = _unit_in(heading)
         column, expected = self.table.named[name], self.units[name]
         known = UNITS[column.unit]
-        if unit in ("", expected) or not (in_brackets or unit in known or len(unit) > 1):
+        told = in_brackets or unit in known or _MEANT.get(unit) in known or len(unit) > 1
+        if unit in ("", expected) or not told:
             return ""
         if name in self.named_units and not (in_brackets and unit in _KNOWN) and heading != column.heading:
             return ""
@@ -478,8 +484,10 @@ def _unit_in(heading: str) -> tuple[str, bool]:
 
 def _letters(text: str) -> str:
     """A unit in our letters: u for a micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
-    text = re.sub(r"(?i)\bmicrons?\b", "um", re.sub("[\u00b5\u03bc]", "u", text.strip()))
-    text = re.sub(r"(?i)\bsec\b", "s", text)
+    text = re.sub("[\u00b5\u03bc]", "u", text.strip())
+    for word, unit in _WORDS.items():
+        text = re.sub(rf"(?i)(?<![^\W_])({word})(?![^\W_])", unit, text)
+    text = re.sub(r"(?i)(?<=[a-z])[\s_]+(per|pro|par)[\s_]+|\s*/\s*", "/", text)
     text = re.sub(r"\s*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
     return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 

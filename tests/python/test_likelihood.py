@@ -258,7 +258,7 @@ class TestRunsThatWereTooSlow:
         v = penetration_velocity(BURR, BONE, self.FORCE)
         v = v * np.exp(0.15 * np.random.default_rng(seed).normal(size=len(v)))
         slow = v < self.LIMIT
-        status, limit = np.where(slow, "too-slow", "ok").tolist(), np.where(slow, self.LIMIT, np.nan)
+        status, limit = np.where(slow, "Too slow", "ok").tolist(), np.where(slow, self.LIMIT, np.nan)
         return VelocityCurve(self.FORCE, np.where(slow, np.nan, v), radius=3.0, status=status, limit=limit)
 
     def test_of_scipy(self):
@@ -299,7 +299,7 @@ class TestRunsThatWereTooSlow:
         ) == result.likelihood.objective(2.0, 0.1)
         assert "below the limit" in curve.plot().get_legend_handles_labels()[1]
         refused(
-            (lambda: VelocityCurve([1.0], [np.nan], status=["too-slow"]),
+            (lambda: VelocityCurve([1.0], [np.nan], status=["too_slow"]),
              "needs the smallest velocity that could be measured"),
             (lambda: fit(curve, residuals="absolute"), "residuals must be 'relative' with runs that were too slow"),
             (lambda: fit(curve, uncertain={"force": 0.1}), "go without groups, offsets and known values"),

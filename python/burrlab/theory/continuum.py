@@ -8,6 +8,7 @@ References
 Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias, TypeVar
@@ -512,12 +513,14 @@ class _WindowSpline:
 @lru_cache(maxsize=64)
 def _knots(shape: str, reach: float) -> list[_Knot]:
     """Descents to immersion `reach`, by rising phi."""
-    grid = reach**1.5 * np.geomspace(_LOWEST, 1, _KNOTS, endpoint=False)
-    return [_knot(shape, phi, reach) for phi in grid.tolist()]
+    return _descents(shape, reach**1.5 * np.geomspace(_LOWEST, 1, _KNOTS, endpoint=False), reach)
 
 
-def _knot(shape: str, phi: float, stop: float) -> _Knot:
-    return (phi, *_core.mean_field_descent(Shape(shape), phi, stop))
+def _descents(shape: str, phis: Floats, stop: float) -> list[_Knot]:
+    """Descents to `stop`, side by side: the core lets other threads of Python run."""
+    with ThreadPoolExecutor() as pool:
+        descents = pool.map(lambda phi: _core.mean_field_descent(Shape(shape), phi, stop), phis.tolist())
+        return [(phi, *descent) for phi, descent in zip(phis.tolist(), descents, strict=True)]
 
 
 @lru_cache(maxsize=4096)
@@ -546,7 +549,7 @@ def _branch(shape: str, low: float, high: float, start: float, stop: float) -> s
     reach = min(1.0, 1.5 ** np.ceil(np.log(3 * stop) / np.log(1.5) - 1e-9) / 3)
     top = high - _GAP * (high - low) if high == stop**1.5 else high
     bend = high * (1 - 0.25 * np.geomspace(1, 1 / 64, 7 + round(Shape(shape).order)))
-    knots = [_knot(shape, phi, stop) for phi in [low, *bend[bend > low].tolist(), top]]
+    knots = _descents(shape, np.array([low, *bend[bend > low], top]), stop)
     knots += [knot for knot in _knots(shape, reach) if low * 1.03 < knot[0] < high * 0.73]
     knots.sort(key=lambda knot: knot[0])
     x = np.log([phi for phi, _, _ in knots])

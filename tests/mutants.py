@@ -54,8 +54,8 @@ def pytest_configure() -> None:
 def pytest_unconfigure() -> None:
     if "MUTANTS_CALLS" in os.environ:
         sys.settrace(None)
-        ran = {code.co_qualname for code in _ran.values() if code.co_filename.startswith(str(PACKAGE))}
-        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted(ran)))
+        names = {code.co_qualname for code in _ran.values() if code.co_filename.startswith(str(PACKAGE))}
+        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted(names)))
 
 
 def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:

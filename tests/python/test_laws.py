@@ -110,14 +110,15 @@ class TestLikelihood:
         (curve,) = laboratory(Law(), n=40)
         day = np.repeat([0, 1, 0, 1], 10)
         v = curve.velocity * np.exp(0.5 * day)
-        compared = compare_laws(
-            VelocityCurve(curve.force, v, radius=3.0, groups={"day": day}), laws=["paper"]
+        compared, blind = (
+            compare_laws(VelocityCurve(curve.force, v, radius=3.0, groups=groups), laws=["paper"])
+            for groups in ({"day": day}, None)
         )
-        blind = compare_laws(VelocityCurve(curve.force, v, radius=3.0), laws=["paper"])
         ends = [x.exponents["s"].intervals["95"] for x in (compared, blind)]
         assert 8 / 3 in ends[0]
         assert ends[0].upper - ends[0].lower < 0.3 * (ends[1].upper - ends[1].lower)
-        assert not compared.contradicted
+        told = ["Differences between the 2 days" in " ".join(x.sentences) for x in (compared, blind)]
+        assert (compared.contradicted, told) == ((), [True, False])
 
 
 class TestAnswers:

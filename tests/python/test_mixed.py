@@ -887,9 +887,11 @@ def test_what_is_refused(call, error, text):
 
 class TestFiles:
     def test_labels_come_back(self, tmp_path):
-        bones = ["A, left", "A, left", "B"]
-        labelled = curve(groups={"day": [1.0, 1, 2]}, specimen=bones)
-        curve(groups={"day": ["1.0", "1,00", "2"]}, specimen=bones).to_csv(tmp_path / "curve.csv")
+        labelled, of_spreadsheet = (
+            curve(groups={"day": days}, specimen=["A, left", "A, left", "B"])
+            for days in ([1.0, 1, 2], ["1.0", "1,00", "2"])
+        )
+        of_spreadsheet.to_csv(tmp_path / "curve.csv")
         assert VelocityCurve.from_csv(tmp_path / "curve.csv") == labelled
         trace = burrlab.synthetic_trace(BURR, BONE, 1.0, seed=1)
         trace = replace(trace, groups={"day": "3 May"}, specimen="Ä")

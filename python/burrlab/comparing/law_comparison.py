@@ -23,6 +23,7 @@ from burrlab.common.figures import (
 from burrlab.common.records import Codec
 from burrlab.common.table import Tabulated, probability_text
 from burrlab.fitting.diagnostics import POOR, HypothesisTest
+from burrlab.fitting.linear import components_of
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import Interval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
@@ -240,6 +241,11 @@ class LawComparison(Tabulated):
             if name in self.exponents and (self.exponents[name].intervals["95"].upper or least) < least
         ]
         lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
+        if shared := dict.fromkeys(x.group for x in components_of(self.observations)):
+            allowed = " and ".join(f"the {len(x.levels)} {x.name}s" for x in shared)
+            lines.append(
+                f"Differences between {allowed} are allowed for, with the size that the best law's fit has."
+            )
         if several:
             lines.append(
                 "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "

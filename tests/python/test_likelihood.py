@@ -299,7 +299,7 @@ class TestRunsThatWereTooSlow:
         ) == result.likelihood.objective(2.0, 0.1)
         assert "below the limit" in curve.plot().get_legend_handles_labels()[1]
         refused(
-            (lambda: VelocityCurve([1.0], [np.nan], status=["too_slow"]),
+            (lambda: VelocityCurve([1.0], [np.nan], status=["too-slow"]),
              "needs the smallest velocity that could be measured"),
             (lambda: fit(curve, residuals="absolute"), "residuals must be 'relative' with runs that were too slow"),
             (lambda: fit(curve, uncertain={"force": 0.1}), "go without groups, offsets and known values"),

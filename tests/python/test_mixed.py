@@ -746,7 +746,7 @@ class TestPairs:
         assert burrlab.compare(first, burrlab.fit(others, groups=())).verdict.startswith(
             "These runs of A and B"
         )
-        assert (apart.pairing, apart.differ) == ("", False)
+        assert (apart.pairing, apart.apart, apart.differ) == ("", "day", False)
         velocity = pair.velocity.at_middle.interval
         assert 0.9 in velocity
         assert velocity.ratio() < apart.velocity.at_middle.interval.ratio() / 1.1
@@ -851,7 +851,8 @@ SLOW = VelocityCurve([0.1], [np.nan], status=["too-slow"], limit=[0.01], radius=
         (lambda: curve(groups={"day": ["a", "b"]}), ValueError, "day must have 3 labels, one a row: got 2"),
         (lambda: curve(groups=3), TypeError, "groups must be a mapping"),
         (lambda: curve(groups={"a,b": "x"}), ValueError, "name of a group must be of letters"),
-        (lambda: curve(groups={"force": "x"}), ValueError, "name of a group must not be that of a column: got 'force'"),
+        (lambda: curve(groups={"force": "x"}), ValueError, "must not be that of a column or constant: got 'force'"),
+        (lambda: curve(groups={"c_e": "x"}), ValueError, "must not be that of a column or constant: got 'c_e'"),
         (lambda: curve(specimen=["a", None, "b"]), ValueError, "row 2, specimen: every row needs a label"),
         (lambda: burrlab.fit(curve(specimen="a"), groups=["day"]), ValueError, "groups may be of specimen: got 'day'"),
         (lambda: burrlab.fit([curve(specimen="a"), curve()]), ValueError, "data set 2 has no specimen, which others have"),
@@ -893,8 +894,9 @@ class TestFiles:
         )
         of_spreadsheet.to_csv(tmp_path / "curve.csv")
         assert VelocityCurve.from_csv(tmp_path / "curve.csv") == labelled
-        trace = burrlab.synthetic_trace(BURR, BONE, 1.0, seed=1)
-        trace = replace(trace, groups={"day": "3 May"}, specimen="Ä")
+        trace = replace(
+            burrlab.synthetic_trace(BURR, BONE, 1.0, seed=1), groups={"day": "3 May"}, specimen="Ä"
+        )
         trace.to_csv(tmp_path / "trace.csv")
         assert burrlab.DepthTrace.from_csv(tmp_path / "trace.csv") == trace
         damaged = io.StringIO((tmp_path / "trace.csv").read_text("utf-8").replace("{", ""))
@@ -906,15 +908,15 @@ class TestFiles:
         read = VelocityCurve.from_csv(
             io.StringIO(text), columns=columns, decimal=",", groups={"day": "Messtag"}
         )
-        assert read.groups == {"day": ("Mo", "Di", "Di")}
-        assert read.others == {"Probe": ("a", "b", "")}
+        assert (read.groups, read.others) == ({"day": ("Mo", "Di", "Di")}, {"Probe": ("a", "b", "")})
 
-        def with_specimen(heading):
-            VelocityCurve.from_csv(io.StringIO(text), columns=columns, decimal=",", specimen=heading)
+        def with_specimen(heading, table=text):
+            VelocityCurve.from_csv(io.StringIO(table), columns=columns, decimal=",", specimen=heading)
 
         refused(
-            (lambda: with_specimen("Probe"), "row 3, specimen: every row needs a label"),
-            (lambda: with_specimen("Bone"), "no column is Bone; there are Messtag, Pr"),
+            (lambda: with_specimen("Probe"), "column Probe: every row needs a label, got none in row 3"),
+            (lambda: with_specimen("Bone"), "no column of labels is Bone, among Messtag, Probe"),
+            (lambda: with_specimen("P", "P;Kraft;v\n#1;1;1\n"), "line 2: a comment, or a row of '#1'?"),
         )
         frame = {"F": [1.0, 2.0], "v": [0.1, 0.4], "who": ["AB", "CD"]}
         assert VelocityCurve.from_dataframe(

@@ -88,8 +88,7 @@ def test_sizes_come_from_a_fit_with_specimens():
 
 def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     sheet = burrlab.run_sheet(FORCES, specimens=4, runs=8, days=2, radius=3.0, seed=1)
-    assert len(sheet) == 64
-    assert not sheet.ok.any()
+    assert (len(sheet), sheet.ok.any()) == (64, False)
     rows = list(
         zip(
             sheet.groups["day"],
@@ -102,8 +101,10 @@ def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     assert [day for day, *_ in rows] == ["day 1"] * 32 + ["day 2"] * 32
     of_drills = [{row[:2] + row[3:] for row in rows if row[2] == drill} for drill in ("A", "B")]
     assert of_drills[0] == of_drills[1]
-    crossed = burrlab.run_sheet(FORCES[:4], specimens=["a"], runs=8, seed=1)  # each force on each day
-    assert len({*zip(crossed.groups["day"], crossed.force.tolist(), strict=True)}) == 8
+    for n, days in ((4, 2), (3, 6)):  # each force on as many days as it can be
+        crossed = burrlab.run_sheet(FORCES[:n], specimens=["a"], runs=2 * n, days=days, seed=1)
+        assert len({*zip(crossed.groups["day"], crossed.force.tolist(), strict=True)}) == 2 * n
+        assert len({*crossed.groups["day"]}) == days
     assert {(day, F) for day, _, F in of_drills[0]} == {
         (d, F) for d in ("day 1", "day 2") for F in FORCES.round(3)
     }
@@ -155,8 +156,9 @@ def test_command(tmp_path, capsys):
         (lambda: burrlab.compare_power(PILOT, between={}, forces=[1.0, 2.0, 9.0]), ValueError, "that leave a window"),
         (lambda: burrlab.compare_power(PILOT, between={}, within=0.0), ValueError, "within must be positive"),
         (lambda: burrlab.compare_power(PILOT, aim=1.0), ValueError, "aim must be above 0 and below 1"),
-        (lambda: burrlab.run_sheet(FORCES, specimens=["a", "a"], runs=8), ValueError, "specimens must be one or more"),
-        (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, days=9), ValueError, "days must be 1 or more"),
+        (lambda: burrlab.run_sheet(FORCES, specimens=["a", " a"], runs=8), ValueError, "specimens must be one or more"),
+        (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, drills=[1, "1"]), ValueError, "drills must be one or more"),
+        (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, days=9), ValueError, "runs must be as many as days or more"),
         (lambda: burrlab.run_sheet([], specimens=2, runs=8), ValueError, "forces must be positive, one or more"),
         (lambda: burrlab.run_sheet(FORCES, specimens=2.5, runs=8), ValueError, "specimens must be a whole number"),
         (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, drills=None), TypeError, "drills must be a sequence of names"),

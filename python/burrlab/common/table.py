@@ -9,6 +9,7 @@ import math
 import os
 import re
 import textwrap
+import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -551,12 +552,14 @@ class TableData(Tabular):
                 not re.fullmatch(r"\w+( \w+)*", str(name)),
                 f"the name of a group must be of letters, digits and single blanks: got {name!r}",
             )
+            taken = {text for column in self._TABLE.columns for text in (column.name, column.heading)}
             refuse(
-                str(name)
-                in {text for column in self._TABLE.columns for text in (column.name, column.heading)},
-                f"the name of a group must not be that of a column: got {name!r}",
+                name in (*taken, "c_e", "alpha"),
+                f"the name of a group must not be that of a column or constant: got {name!r}",
             )
-            texts = [_label(label) for label in (column if np.ndim(column) else [column] * self._n_labels)]
+            texts = [
+                label_text(label) for label in (column if np.ndim(column) else [column] * self._n_labels)
+            ]
             refuse(
                 len(texts) != self._n_labels,
                 f"{name} must have {self._n_labels} labels, one a {self._LABELLED}: got {len(texts)}",
@@ -623,11 +626,12 @@ class TableData(Tabular):
         return html_table(repr(self), self._table())
 
 
-def _label(label: object) -> str:
-    """A label as text, "" for none; 2.0 and 2 are one."""
+def label_text(label: object) -> str:
+    """A label as text, "" for none; 2.0 and 2 are one, as are an umlaut of one sign and of two."""
     if isinstance(label, float | np.floating):
         return "" if math.isnan(label) else f"{label:.15g}"
     text = "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
+    text = unicodedata.normalize("NFC", text)
     return re.sub(r"^(\d+)[.,]0+$", r"\1", text)  # a spreadsheet made it a decimal number
 
 

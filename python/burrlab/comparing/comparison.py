@@ -88,6 +88,7 @@ class ComparedPair:
     velocity: VelocityRatio | None  #: None where the sets share no force at one radius
     p_equivalent: float  #: of a velocity ratio outside the margin, corrected; 1 without a margin
     pairing: str = ""  #: the group whose levels both sets have, so that its effects cancel
+    apart: str = ""  #: groups that both sets have, with no label in common
     obstacle: str = ""  #: Why no test can tell the sets apart from their days or specimens, in a sentence.
 
     @property
@@ -120,7 +121,8 @@ class Comparison(InJson, Tabulated):
             if pair.obstacle:
                 lines.append(pair.obstacle)
                 continue
-            units = f", paired by {pair.pairing}," if pair.pairing else ""
+            units = f", each with {pair.apart}s of its own," if pair.apart else ""
+            units = f", paired by {pair.pairing}," if pair.pairing else units
             runs = "" if all(s.groups for s in self.sets if s.name in pair.names) else "these runs of "
             sentence = runs + " and ".join(pair.names) + units
             sentence += " differ" if pair.differ else " can be of one material"
@@ -392,6 +394,7 @@ def compare(
                 velocity=velocities[n],
                 p_equivalent=p_equivalent[n],
                 pairing=getattr(linear[n], "group", ""),
+                apart="s and ".join(_apart(fits[i], fits[k])),
                 obstacle=_obstacle((fits[i], fits[k]), (named[i], named[k])),
             )
             for n, (i, k) in enumerate(places)
@@ -400,9 +403,24 @@ def compare(
     )
 
 
+def _levels(fit: FitRecord) -> dict[str, set[str]]:
+    """The labels of each of a fit's groups."""
+    return {group.name: set(group.levels) for group in fit.observations.groups}
+
+
+def _apart(a: FitRecord, b: FitRecord) -> list[str]:
+    """Groups of several labels that both fits have, with none in common."""
+    first, second = _levels(a), _levels(b)
+    return [
+        x
+        for x in first
+        if x in second and min(len(first[x]), len(second[x])) > 1 and not first[x] & second[x]
+    ]
+
+
 def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
     """A sentence where one set has one level of a group, and the other set other ones or none; else empty."""
-    first, second = ({group.name: set(group.levels) for group in fit.observations.groups} for fit in fits)
+    first, second = map(_levels, fits)
     for group in sorted(first.keys() ^ second.keys()):
         of, other = names if group in first else names[::-1]
         if first and second and any(x.group == group for x in fits[group not in first].effects):

@@ -1,7 +1,6 @@
 """Rows of measurements: velocity over constant force, and force over depth of a stopped burr."""
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, Any
@@ -30,7 +29,7 @@ def _row_rule(row: Mapping[str, Any]) -> Problem:
     return None
 
 
-_STATUSES = ("ok", "overloaded", "too-slow")  # those with a meaning, also in capitals, or with a blank
+_STATUSES = ("ok", "overloaded", "too-slow")  # those with a meaning, also in capitals
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -134,7 +133,9 @@ class VelocityCurve(TableData):
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         names = [str(text) for text in status or ()]
-        names = [x if (x := re.sub("[ _]", "-", text.lower())) in _STATUSES else text for text in names]
+        # without a limit "too slow" is a word as any other
+        signs = str.maketrans({} if limit is None else {" ": "-", "_": "-"})
+        names = [x if (x := text.lower().translate(signs)) in _STATUSES else text for text in names]
         self._keep({
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(names),

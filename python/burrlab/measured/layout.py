@@ -21,6 +21,7 @@ from burrlab.common.table import (
     Table,
     TableData,
     comment_in,
+    label_text,
     listed,
     number_in_comments,
     origin,
@@ -64,6 +65,10 @@ def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> d
         f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
         f"{shown(groups)} and {shown(specimen)}",
         TypeError,
+    )
+    refuse(
+        specimen is not None and "specimen" in (groups or {}),
+        "specimen must be given once: got it in groups too",
     )
     return dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
 
@@ -316,7 +321,7 @@ class TableLayout:
     ) -> Iterator[tuple[str, list[str]]]:  # fmt: skip
         """Where each row of numbers stands, and its fields; comments, repeated headings and units are passed over."""
         used = [(column, i) for column, indices in places.items() for i in indices]
-        last_used = max(i for _, i in used)
+        last_used, labelled = max(i for _, i in used), list(map(_key, self.group_headings.values()))
         may_be_units = kind == "line"
         for number, fields in records:
             where = f"{name}, {kind} {number}"
@@ -324,6 +329,10 @@ class TableLayout:
                 continue
             if fields[0][:1] in ("#", "%") and not (ERROR_VALUE.match(fields[0]) and any(fields[1:])):
                 self.skipped["comments"] += 1
+                if keys[0] in labelled and len(fields) == len(keys):
+                    faults.append(
+                        f"{where}: a comment, or a row of {fields[0]!r}? Labels must not begin with # or %"
+                    )
             elif list(map(_key, fields)) == keys[: len(fields)]:
                 self.skipped["repeated headings"] += 1
                 may_be_units = True
@@ -351,19 +360,26 @@ class TableLayout:
                 yield where, texts
 
     def take_groups(self) -> None:
-        """Moves the columns of labels from `others` to `groups`; ValueError if one is missing."""
-        own = {name: name for name in self.comments.get("groups", "").split(", ") if name in self.others}
+        """Moves the columns of labels from `others` to `groups`; ValueError if a column or a label is missing."""
+        named = re.split(r"[,;\t] *", self.comments.get("groups", ""))
         headings = {_key(heading): heading for heading in self.others}
-        for name, heading in (own | self.group_headings).items():
+        for name, text in (
+            {name: name for name in named if name in self.others} | self.group_headings
+        ).items():
             refuse(
-                _key(str(heading)) not in headings,
-                f"{self.name}: no column is {heading}; there are {listed(self.others)}",
+                _key(str(text)) not in headings,
+                f"{self.name}: no column of labels is {text}, among {listed(headings.values())}",
             )
+            heading = headings[_key(text)]
+            refuse(heading not in self.others, f"{self.name}: {heading} may be one group: got it twice")
+            self.groups[name] = self.others.pop(heading)
+            empty = [
+                str(row) for row, label in enumerate(self.groups[name], start=1) if not label_text(label)
+            ]
             refuse(
-                headings[_key(heading)] not in self.others,
-                f"{self.name}: {heading} may be one group: got it twice",
+                empty,
+                f"{self.name}, column {heading}: every row needs a label, got none in row {listed(empty)}",
             )
-            self.groups[name] = self.others.pop(headings[_key(heading)])
 
     def noted(self, ending: str) -> "TableLayout":
         """With the note of what was read, `ending`, and what was passed over and kept apart."""

@@ -13,7 +13,7 @@ from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
-from burrlab.common.table import by_value
+from burrlab.common.table import by_value, label_text
 from burrlab.comparing.paired import ERROR, JointModel, difference_of
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -92,6 +92,11 @@ class ComparisonPower(InJson):
                 f"by none of these (at best {100 * self.power[WAYS.index(way)].max():.3g} %)"
             )  # fmt: skip
             texts.append(f"With both drills in {how}, {aim} {with_it}.")
+        if self.unit == "specimen":
+            texts.append(
+                "That is for runs on one day or two: with three common days a comparison allows for a difference that varies "
+                "from day to day, and sees less."
+            )
         texts += [
             f"The fit puts the deviation of {name} between {self.unit}s at {100 * self.between[name]:.2g} %, but up to "
             f"{'any' if end is None else f'{100 * end:.2g} %'} is possible; with it {self.unit}s of their own see less."
@@ -367,7 +372,7 @@ def run_sheet(
     drills : sequence of str
     days : int
         The runs of each drill in each specimen are dealt over these. With three days or more a comparison also asks how
-        the drills' difference varies from day to day.
+        the drills' difference varies from day to day, and sees less than `compare_power` says.
     radius : float, optional
         Burr radius [mm].
     seed : int, optional
@@ -399,20 +404,22 @@ def run_sheet(
     if not np.iterable(specimens):
         specimens = [f"specimen {k + 1}" for k in range(whole("specimens", specimens, 10000, "10000"))]
     refuse(not np.iterable(drills), f"drills must be a sequence of names, got {shown(drills)}", TypeError)
-    labels = list(map(str, specimens))
-    for name, names in (("specimens", labels), ("drills", list(drills))):
+    labels, drills = ([label_text(name) for name in names] for names in (specimens, drills))
+    for name, names in (("specimens", labels), ("drills", drills)):
         refuse(
-            not names or len(set(names)) < len(names),
+            not names or "" in names or len(set(names)) < len(names),
             f"{name} must be one or more, with different labels: got {names}",
         )
     counts = {name: whole(name, n, 10000, "10000") for name, n in (("runs", runs), ("days", days))}
-    refuse(not 1 <= days <= runs, f"days must be 1 or more, and at most runs: got {days} and {runs} runs")
+    refuse(
+        not 1 <= days <= runs,
+        f"runs must be as many as days or more, and days 1 or more: got {runs} and {days}",
+    )
     seed = seed_or_new(seed)
     random, rows = np.random.default_rng(seed), []
     each, turn = _in_turn(force, counts["runs"]), np.arange(runs)
-    dealt = (
-        turn % len(force) + turn // len(force)
-    ) % days  # so that a force that comes again does so on another day
+    # so that each day has as many, and a force that comes again does so on another day
+    dealt = (turn + turn // np.lcm(min(len(force), counts["runs"]), days)) % days
     for day in range(days):
         for k in random.permutation(len(labels)).tolist():
             block = [(drill, F) for F in each[dealt == (day + k) % days].tolist() for drill in drills]

@@ -219,7 +219,7 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
                 else:
                     copied = package / path.relative_to(PACKAGE)
                     copied.write_text(text, encoding="utf-8")
-                    row["by"] = files = _chosen(calls, fault["function"])
+                    row["by"] = files = _chosen(calls, fault["function"], path.stem)
                     status = _pytest([str(TESTS / file) for file in files], package.parent)[0] if files else 0
                     row["caught"] = status != 0
                     shutil.copy(path, copied)
@@ -236,11 +236,14 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
             )
 
 
-def _chosen(calls: dict[str, Any], function: str) -> list[str]:
-    """Test files that run a function, those first that run few others and are quick."""
+def _chosen(calls: dict[str, Any], function: str, module: str) -> list[str]:
+    """Test files that run a function, the module's own and those first that run few others and are quick."""
     able = [name for name, one in calls.items() if function in one["functions"]]
     chosen: list[str] = []
-    for name in sorted(able, key=lambda name: len(calls[name]["functions"]) * (10 + calls[name]["seconds"])):
+    for name in sorted(
+        able,
+        key=lambda name: (module not in name, len(calls[name]["functions"]) * (10 + calls[name]["seconds"])),
+    ):
         spent = sum(calls[one]["seconds"] for one in [*chosen, name])
         if len(chosen) < MOST_FILES and (not chosen or spent < MOST_SECONDS):
             chosen.append(name)

@@ -443,7 +443,7 @@ class SensitivityFunction(Tabular):
                 "are left out, as their subjects have no other within the levels, or as they may lie beyond either end",
             ),
         ):
-            if names := ", ".join(f"{row.subject} at {row.reference:.3g}" for row in rows):
+            if names := ", ".join(dict.fromkeys(f"{row.subject} at {row.reference:.3g}" for row in rows)):
                 lines.append(f"{len(rows)} of {len(everyone)} {why}: {names}")
         if 2 * sum(row.open for row in everyone) >= len(everyone):
             lines.append("where half of them may lie beyond the levels, the slope is biased towards 0")

@@ -37,7 +37,9 @@ def test_the_whole_volume_is_seen(block, axis):
     assert 0.4 < np.abs(drawn).max() < 1.25  # the volume fills the picture
     into = np.array((0, 0, -1) if axis is None else axis, float)
     sight = np.subtract(view.focus, view.position) / view.distance
-    assert sight @ into / np.linalg.norm(into) == pytest.approx(np.cos(np.deg2rad(28)))
+    assert [sight @ into / np.linalg.norm(into), sight @ np.array(view.up)] == pytest.approx(
+        [np.cos(np.deg2rad(28)), np.sin(np.deg2rad(28))]
+    )
 
 
 def test_the_entry_is_in_the_middle_and_its_width_fills_the_view(block):

@@ -229,30 +229,7 @@ class LawComparison(Tabulated):
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
         several = len(np.unique(self.observations.radius)) > 1
-        harder = f"; were the indentation's forces {100 * (HARDER - 1):.0f} % higher, "
-        lines = [
-            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})"
-            f"{'' if exponent.if_harder is None else f'{harder}{exponent.if_harder:.3g}'}."
-            for name, exponent in self.exponents.items()
-        ]
-        lines += [
-            f"No law here has {name} below {least:g}: are the columns right?"
-            for name, least in _LEAST.items()
-            if name in self.exponents and (self.exponents[name].intervals["95"].upper or least) < least
-        ]
-        lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
-        if shared := dict.fromkeys(x.group for x in components_of(self.observations)):
-            allowed = " and ".join(f"the {len(x.levels)} {x.name}s" for x in shared)
-            lines.append(
-                f"Differences between {allowed} are allowed for, with the size that the best law's fit has."
-            )
-        if several:
-            lines.append(
-                "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "
-                "about 1 %."
-            )
-        if "q" not in self.exponents:
-            lines.append("Pressing the stopped burr, four times or more at three depths, would tell q.")
+        lines = self._of_exponents(several)
         lines += [f"The data contradict {row.name}. {row.why}" for row in self.rows if row.contradicted]
         close = self.close
         if len(close) > 1:
@@ -279,6 +256,34 @@ class LawComparison(Tabulated):
             for x in self.partings
         ]
         return tuple(line[0].upper() + line[1:] for line in lines)
+
+    def _of_exponents(self, several: bool) -> list[str]:
+        """Sentences on the exponents, and on what of the data tells them: groups, several radii and presses."""
+        harder = f"; were the indentation's forces {100 * (HARDER - 1):.0f} % higher, "
+        lines = [
+            f"{_MEANS[name].format(law=self.law)}: {exponent.value:.3g} ({exponent.interval_text})"
+            f"{'' if exponent.if_harder is None else f'{harder}{exponent.if_harder:.3g}'}."
+            for name, exponent in self.exponents.items()
+        ]
+        lines += [
+            f"No law here has {name} below {least:g}: are the columns right?"
+            for name, least in _LEAST.items()
+            if name in self.exponents and (self.exponents[name].intervals["95"].upper or least) < least
+        ]
+        lines = [self.lack.sentence, *lines] if self.lack and self.lack.p_value < POOR else lines
+        if shared := dict.fromkeys(x.group for x in components_of(self.observations)):
+            allowed = " and ".join(f"the {len(x.levels)} {x.name}s" for x in shared)
+            lines.append(
+                f"Differences between {allowed} are allowed for, with the size that the best law's fit has."
+            )
+        if several:
+            lines.append(
+                "With several radii the shape of f counts: one that is not (1 - x^2)^k, linear or the best law's moves s by "
+                "about 1 %."
+            )
+        if "q" not in self.exponents:
+            lines.append("Pressing the stopped burr, four times or more at three depths, would tell q.")
+        return lines
 
     def _with_offsets(self) -> list[str]:
         """A sentence on the laws that fit as well as the best, or better, with an offset of the force, if any."""

@@ -552,10 +552,10 @@ class TableData(Tabular):
                 not re.fullmatch(r"\w+( \w+)*", str(name)),
                 f"the name of a group must be of letters, digits and single blanks: got {name!r}",
             )
-            taken = {text for column in self._TABLE.columns for text in (column.name, column.heading)}
             refuse(
-                name in (*taken, "c_e", "alpha"),
-                f"the name of a group must not be that of a column or constant: got {name!r}",
+                str(name)
+                in {text for column in self._TABLE.columns for text in (column.name, column.heading)},
+                f"the name of a group must not be that of a column: got {name!r}",
             )
             texts = [
                 label_text(label) for label in (column if np.ndim(column) else [column] * self._n_labels)
@@ -627,12 +627,15 @@ class TableData(Tabular):
 
 
 def label_text(label: object) -> str:
-    """A label as text, "" for none; 2.0 and 2 are one, as are an umlaut of one sign and of two."""
+    """A label as text, "" for none; the numbers 2.0 and 2 are one."""
     if isinstance(label, float | np.floating):
         return "" if math.isnan(label) else f"{label:.15g}"
-    text = "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
-    text = unicodedata.normalize("NFC", text)
-    return re.sub(r"^(\d+)[.,]0+$", r"\1", text)  # a spreadsheet made it a decimal number
+    return "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
+
+
+def label_in_file(label: object) -> str:
+    """The same of a label in a table: one umlaut may be of two signs, and a spreadsheet writes 2 as 2.0 or 2,00."""
+    return re.sub(r"^(\d+)[.,]0+$", r"\1", unicodedata.normalize("NFC", label_text(label)))
 
 
 def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":

@@ -24,7 +24,8 @@ def _labels_in(layout: TableLayout) -> dict[str, str]:
     """Labels of a run in the comments of its file."""
     try:
         return {
-            str(name): str(label) for name, label in json.loads(layout.comments.get("groups", "{}")).items()
+            str(name): table.label_in_file(label)
+            for name, label in json.loads(layout.comments.get("groups", "{}")).items()
         }
     except (ValueError, AttributeError, RecursionError):
         raise ValueError(

@@ -21,7 +21,7 @@ from burrlab.common.table import (
     Table,
     TableData,
     comment_in,
-    label_text,
+    label_in_file,
     listed,
     number_in_comments,
     origin,
@@ -372,10 +372,8 @@ class TableLayout:
             )
             heading = headings[_key(text)]
             refuse(heading not in self.others, f"{self.name}: {heading} may be one group: got it twice")
-            self.groups[name] = self.others.pop(heading)
-            empty = [
-                str(row) for row, label in enumerate(self.groups[name], start=1) if not label_text(label)
-            ]
+            self.groups[name] = labels = list(map(label_in_file, self.others.pop(heading)))
+            empty = [str(row) for row, label in enumerate(labels, start=1) if not label]
             refuse(
                 empty,
                 f"{self.name}, column {heading}: every row needs a label, got none in row {listed(empty)}",

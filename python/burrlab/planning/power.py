@@ -13,7 +13,7 @@ from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
-from burrlab.common.table import by_value, label_text
+from burrlab.common.table import by_value, label_in_file
 from burrlab.comparing.paired import ERROR, JointModel, difference_of
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -404,7 +404,7 @@ def run_sheet(
     if not np.iterable(specimens):
         specimens = [f"specimen {k + 1}" for k in range(whole("specimens", specimens, 10000, "10000"))]
     refuse(not np.iterable(drills), f"drills must be a sequence of names, got {shown(drills)}", TypeError)
-    labels, drills = ([label_text(name) for name in names] for names in (specimens, drills))
+    labels, drills = ([label_in_file(name) for name in names] for names in (specimens, drills))
     for name, names in (("specimens", labels), ("drills", drills)):
         refuse(
             not names or "" in names or len(set(names)) < len(names),

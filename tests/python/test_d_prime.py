@@ -336,8 +336,6 @@ def test_worst_cases_are_those_of_the_docs():
     assert f"mean is {min(biases):.2f} to {max(biases):.2f} too large" in page
     infinite = [100 * row.infinite for row in at[4.0]]
     assert f"12 trials {min(infinite):.0f} to {max(infinite):.0f} % of the estimates are infinite" in page
-    corrected = [b for row in at[4.0] for b in (row.bias_log_linear, row.bias_half)]
-    assert f"{-max(corrected):.2f} to {-min(corrected):.2f} too small on average" in page
 
 
 COUNTS = Counts("same-different", 5, 6, 1, 6)

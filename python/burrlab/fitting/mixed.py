@@ -156,17 +156,17 @@ def _stepped(
         near = equations if k else None
         part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
         last, step = point, part * np.clip(-equations.solution[-2:], -0.5, 0.5)
-        low = 0.0 if unbound else c_e[0]
-        point = float(np.clip(point[0] * np.exp(step[0]), low, c_e[1])), float(point[1] * np.exp(step[1]))
+        bottom = 0.0 if unbound else c_e[0]
+        point = float(np.clip(point[0] * np.exp(step[0]), bottom, c_e[1])), float(point[1] * np.exp(step[1]))
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                (unit, *ends), u = _reach(o, component), shifts[block]
+                (unit, low, high), u = _reach(o, component), shifts[block]
                 most = 0.5 if component.random_c_e else np.inf
                 u = u + part * np.clip(-equations.solution[block] - u, -most, most)
                 beside[block] = np.where(
                     np.abs(u - shifts[block]) > 0.75 * unit,
-                    np.clip(unit * np.round(u / unit), *ends),
+                    np.clip(unit * np.round(u / unit), low, high),
                     shifts[block],
                 )
         lowest = _least_shifts(moved.observations, components, shifts) - np.log(point[0]) + _SOFTEST
@@ -174,7 +174,7 @@ def _stepped(
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
             hard = float(moved.observations.c_e_bounds().max())
-            c_e = max(low, hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
+            c_e = max(bottom, hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
             point = float(np.clip(point[0], *c_e)), point[1]
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break

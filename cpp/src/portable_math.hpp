@@ -20,6 +20,7 @@ inline std::array<double, n> exp(const std::array<double, n>& x) {
     r[i] = (at - twos[i] * ln2_high) - twos[i] * ln2_low;  // |r| <= ln(2)/2
     sum[i] = 1.0;
   }
+#pragma GCC unroll 16  // so that a division by a power of two is a product, of the same bits
   for (int k = 16; k >= 1; --k)
     for (std::size_t i = 0; i < n; ++i) sum[i] = 1.0 + sum[i] * r[i] / k;
   for (std::size_t i = 0; i < n; ++i)

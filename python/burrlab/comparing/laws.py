@@ -664,8 +664,7 @@ def compare_laws(
         residuals == "sigma",
         effects,
     )
-    report_progress(1, steps)
-    points, tests = {}, {}
+    points, tests = {}, {}  # the first law's tests take longest, as they scan for all: time is foretold after them
     for name, law in named.items():
         points[name] = likelihood.best(law)
         tests[name] = _tests(likelihood, law, points[name].height)

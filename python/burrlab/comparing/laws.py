@@ -664,7 +664,8 @@ def compare_laws(
         residuals == "sigma",
         effects,
     )
-    points, tests = {}, {}  # the first law's tests take longest, as they scan for all: time is foretold after them
+    points, tests = {}, {}
+    # the first law's tests scan for all, so time is foretold after them
     for name, law in named.items():
         points[name] = likelihood.best(law)
         tests[name] = _tests(likelihood, law, points[name].height)

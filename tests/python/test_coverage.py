@@ -179,11 +179,8 @@ class TestTable:
         assert study.ratio("alpha") == np.median(study.upper[closed, 1, 1] / study.lower[closed, 1, 1]) > 2
 
     def test_shows_itself(self, study):
-        text, html = repr(study), study._repr_html_()
-        assert text.startswith("Coverage of 95 % intervals, 40 data sets, bone, scatter 8 %, seed 2")
-        assert str(study.coverage("alpha")) in text
-        assert html.count("<tr>") == 5
-        assert str(study.separately_identified) in html
+        assert repr(study).startswith("Coverage of 95 % intervals, 40 data sets, bone, scatter 8 %, seed 2")
+        assert str(study.coverage("alpha")) in repr(study)
 
     def test_share(self):
         # Clopper and Pearson of 0 of 10: 1 - 0.025^(1/10)

@@ -325,7 +325,6 @@ class TestWhatItSays:
         assert "no upper end" in fitted("ridge").verdict
         assert not fitted("ridge").separately_identified
         assert repr(fitted("ridge")).startswith("Fit(ridge: alpha/c_e^2.667 = 0.0107 to 0.0141 ")
-        assert "Fit(ridge: " in fitted("ridge")._repr_html_()
         (line,) = (line for line in fitted("ridge").plot().lines if line.get_linestyle() == "-")
         assert line.get_label().startswith("ridge: ")
         assert "not separately identified" in fit(DATA["ridge"], bounds={"c_e": (0.5, 90.0)}).verdict

@@ -194,7 +194,6 @@ class TestAnswers:
             plain["exponents"]["q"]["intervals"]["95"][0] < 2 < plain["exponents"]["q"]["intervals"]["95"][1]
         )
         assert len(compared.to_dataframe()) == len(LAWS)
-        assert "<li>" in compared._repr_html_()
         left, right = compared.plot()
         assert left.get_legend_handles_labels()[1][1:] == [
             "kobra",

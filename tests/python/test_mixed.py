@@ -291,6 +291,16 @@ class TestOffsets:
         fit = burrlab.fit(curve, law=burrlab.Law("quartic"), residuals="sigma")
         assert (fit.status, max(x.deviation for x in fit.effects) < 1) == ("implausible", True)
 
+    def test_variances_are_sought_near_the_fit(self):
+        """Steps from a fit without specimens, which is on the ridge, end at c_e of 7 there, or of 10."""
+        for seed in (4, 38):
+            curve, random = laboratory(seed, 15, of_c_e=0.1, group="specimen"), np.random.default_rng(seed)
+            rows = np.concatenate([8 * k + random.choice(8, 3, replace=False) for k in range(15)])
+            fit = burrlab.fit(
+                VelocityCurve(curve.force[rows], curve.velocity[rows], radius=3.0, specimen=rows // 8)
+            )
+            assert abs(np.log(fit.starts[0].start[0] / fit.c_e)) < 0.05
+
     def test_specimens_of_too_few_rows(self):
         """Nothing tells them from the scatter: limits and a band are there all the same."""
         force, velocity = [0.466, 1.167, 1.633, 2.382], [0.3799, 3.242, 5.765, np.nan]
@@ -303,8 +313,7 @@ class TestOffsets:
             "a factor of 2.7",
             "a factor of over a million",
         ]
-        low, high = fit.velocity_interval(1.0)
-        assert 0 < low < high
+        assert 0 < fit.velocity_interval(1.0)[0] < fit.velocity_interval(1.0)[1]
 
     def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
         """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""
@@ -738,6 +747,24 @@ class TestPairs:
             pytest.approx(1.0),
         )
         assert compared.verdict.endswith("they hold the same rows. Was one file given twice?")
+
+    def test_of_specimens_with_unlike_runs(self):
+        """A variance below 0 of their difference leaves no direction less error than the runs' scatter does."""
+        random, fits = np.random.default_rng([631, sum(map(ord, "pairunb")), 8]), []
+        c_e, alpha = (x * np.exp(0.1 * random.normal(size=6)) for x in (BONE.c_e, BONE.alpha))
+        random.normal(size=8)
+        for _ in range(2):
+            runs = []
+            for _ in range(6):
+                n, _ = (random.integers(2, end) for end in (10, 13))
+                runs.append(random.choice([0.3, 0.45, 0.6, 0.9, 1.2, 1.6, 2.2], n, replace=n > 7))
+            of, F = np.repeat(range(6), [len(x) for x in runs]), np.concatenate(runs)
+            v = np.exp(random.normal(0, 0.05, len(F))) * [
+                burrlab.penetration_velocity(BURR, burrlab.Material("one", c_e=c_e[k], alpha=alpha[k]), x)
+                for k, x in zip(of, F, strict=True)
+            ]
+            fits.append(burrlab.fit(VelocityCurve(F, v, radius=3.0, specimen=of)))
+        assert burrlab.compare(*fits).pairs[0].joint.p_value > 0.05
 
     def test_of_days(self):
         first, second = (burrlab.fit(x) for x in pair_of_sets(1, 4, ratio=0.9))

@@ -116,7 +116,6 @@ def test_a_session_records_what_replays(tmp_path):
     assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
     pushed, by_edge = replace(report, energy=[(0, 0.05)]), "round an edge the force law gives some"
     assert (by_edge in str(pushed), by_edge in str(replace(report, energy=[(0, 0)]))) == (True, False)
-    assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
     assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
     assert sum(report.histograms["jitter"]) == 1499
 

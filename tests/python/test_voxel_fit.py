@@ -145,7 +145,6 @@ def test_no_descent_with_a_number_is_said(tmp_path):
     assert Fit.from_json(tmp_path / "fit.json").to_dict() == result.to_dict()
     assert result.to_dict()["residual"] is None
     assert "log-likelihood" not in result.report()
-    assert result.reason in result._repr_html_()
 
 
 def test_windows_of_the_rows():

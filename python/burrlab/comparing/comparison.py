@@ -421,9 +421,6 @@ def _apart(a: FitRecord, b: FitRecord) -> list[str]:
 def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
     """A sentence where both sets are the same rows, or one has one level of a group, the other other ones or none."""
     first, second = map(_levels, fits)
-    a, b = (fit.observations for fit in fits)
-    if all(np.array_equal(getattr(a, x), getattr(b, x)) for x in ("force", "velocity", "pressed")):
-        return f"Whether {names[0]} and {names[1]} differ cannot be told: they hold the same rows. Was one file given twice?"
     for group in sorted(first.keys() ^ second.keys()):
         of, other = names if group in first else names[::-1]
         if first and second and any(x.group == group for x in fits[group not in first].effects):
@@ -437,6 +434,9 @@ def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
                 f"Whether {names[0]} and {names[1]} differ cannot be told: all runs of {names[len(first[group]) > 1]} are of "
                 f"one {group}, and no test can tell the sets from the {group}s."
             )
+    a, b = (fit.observations for fit in fits)
+    if all(np.array_equal(getattr(a, x), getattr(b, x)) for x in ("force", "velocity", "pressed")):
+        return f"Whether {names[0]} and {names[1]} differ cannot be told: they hold the same rows. Was one file given twice?"
     return ""
 
 

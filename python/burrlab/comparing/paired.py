@@ -29,6 +29,7 @@ from burrlab.fitting.record import FitRecord
 ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
 _ROUNDS = 30  # of linearising, at most
 _POINTS = 200  # of c_e, among which the best that two sets have in common is sought
+_RARE = 1e-3  # chance of a scatter so small that it is not believed
 _NEAR = 0.3  # of its logarithm, within which the best is refined
 
 
@@ -274,6 +275,8 @@ def _fitted_jointly(
         logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
         if np.abs(step).max() < 1e-6:
             break
+    if alike and _below_scatter(equations):
+        return _fitted_jointly(likelihoods, points, shared, one_c_e, False)
 
     def squares(log_c_e: float) -> float:
         """Of the rows, at one c_e and the best alpha of both."""
@@ -287,6 +290,20 @@ def _fitted_jointly(
     low = max(common - _NEAR, float(np.log(least)) + EDGE)
     best = scipy.optimize.minimize_scalar(squares, bounds=(low, common + _NEAR), method="bounded")
     return logs[1] - logs[0], difference_of(equations), max(float(best.fun) - equations.squares, 0.0)
+
+
+def _below_scatter(equations: MixedEquations) -> bool:
+    """Whether a variance below 0 of the pairs' difference leaves a direction less error than its degrees of freedom allow.
+
+    Beside the error at no such variance, as it may be where pairs have unlike runs.
+    """
+    if (equations.effect2 >= 0).all():
+        return False
+    calibration = difference_of(equations)
+    without = MixedEquations(equations.model, equations.scatter2, np.maximum(equations.effect2, 0.0))
+    shares, directions = scipy.linalg.eigh(calibration.covariance, difference_of(without).covariance)
+    nu = calibration.variance(directions[:, 0])[1]
+    return bool(shares[0] < special.chdtri(nu, 1 - _RARE) / nu)
 
 
 def difference_of(equations: MixedEquations) -> MixedCalibration:

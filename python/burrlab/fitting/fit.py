@@ -28,7 +28,7 @@ from burrlab.fitting.diagnostics import (
     plausibility,
 )
 from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
-from burrlab.fitting.linear import Uncertain, check_names, check_offsets, components_of
+from burrlab.fitting.linear import Component, Uncertain, check_names, check_offsets, components_of
 from burrlab.fitting.mixed import (
     MixedEvidence,
     MixedLikelihood,
@@ -74,8 +74,9 @@ _RESULTS = {
 _STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
 _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
-_STEPS = 1e-3  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
+_STEPS = 1e-2  # of -2 log L that is uneven: its shallow minima and steps are as one (ours)
 _ANY: Bounds = {"c_e": (1e-9, 1e9), "alpha": (1e-12, 1e12)}  # [N/mm^2], [1/ms]
+_TURNS = 4  # of search and variances, at most
 _EXACT = 1e-3  # relative standard deviation of a value that is known without one; the model's own error is twice that
 
 
@@ -252,11 +253,9 @@ def fit(
             searches = found or searches
             failure = "" if found else "No c_e within its bounds gave every row a velocity."
     if mixed and not failure:
-        end = searches[0].end
-        likelihood, end = at_best_variances(likelihood, components, end, (box.lower[0], box.upper[0]))
-        box = _box(likelihood, bounds)  # offsets move the bounds that windows set
-        domain, box = Domain.of(likelihood, box, bounds), likelihood.with_windows(box)
-        searches, missed = _searched(likelihood, domain, box, ("at the effects' variances", end))
+        likelihood, domain, box, searches, missed = _searched_mixed(
+            likelihood, components, searches[0].end, box, bounds
+        )
     best = min(searches, key=lambda start: start.objective) if missed > FLAT else searches[0]
     likelihood = likelihood.about(best.end)
     # intervals and verdict
@@ -480,6 +479,31 @@ def _searched(
     lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
     missed = lowest_points[0].minus2 - lowest
     return tuple(ends), 0.0 if likelihood.uneven and missed < _STEPS else missed
+
+
+def _searched_mixed(
+    plain: Likelihood, components: Sequence[Component], begin: Point, box: Box, bounds: Bounds
+) -> tuple[MixedLikelihood, Domain, Box, tuple[Start, ...], float]:
+    """The likelihood at the effects' best variances, the range and box of its walk, and what `_searched` finds.
+
+    The variances are sought where rows are linear. Where the walk ends far from there, they are sought again from its
+    end; if they are no better, rows of specimens become linear about that end.
+    """
+    ends = box.lower[0], box.upper[0]
+    likelihood, at = at_best_variances(plain, components, begin, ends)
+    for turn in range(_TURNS):
+        box = _box(likelihood, bounds)  # offsets move the bounds that windows set
+        domain, box = Domain.of(likelihood, box, bounds), likelihood.with_windows(box)
+        searches, missed = _searched(likelihood, domain, box, ("at the effects' variances", at))
+        if not searches or likelihood.near(searches[0].end):
+            break
+        before, at = likelihood, searches[0].end
+        other, there = at_best_variances(plain, components, at, ends)
+        if turn < _TURNS - 1 and other.equations.criterion() < before.equations.criterion() - FLAT:
+            likelihood, at = other, there
+        elif (likelihood := before.centred(at)) is before:
+            break
+    return likelihood, domain, box, searches, missed
 
 
 def minimise(

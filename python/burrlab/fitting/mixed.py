@@ -64,6 +64,7 @@ _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
 _FARTHEST = 0.95  # of the least force, by which all may be less
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
+_FAR = 0.05  # of ln c_e, from where rows are linear to the fit
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
 
@@ -327,8 +328,26 @@ class MixedLikelihood(Likelihood):
 
     def with_windows(self, box: Box) -> Box:
         """The part of a box where each row has a window at its own effects."""
-        hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if self.n_parts == 1 else 0.0
+        bound = self.n_parts == 1 and not self._of_specimen.any()
+        hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if bound else 0.0
         return Box((max(box.lower[0], hard), box.lower[1]), (max(box.upper[0], hard), box.upper[1]))
+
+    def near(self, point: tuple[float, float]) -> bool:
+        """Whether rows are linear close to a point and have windows there; always, where they are so in several parts."""
+        hard = float(self.plain.observations.c_e_bounds().max())
+        return self.n_parts > 1 or (abs(np.log(point[0] / self.point[0])) < _FAR and point[0] > hard)
+
+    def centred(self, point: tuple[float, float]) -> "MixedLikelihood":
+        """At the same variances with rows of specimens that are linear about their own c_e at a point."""
+        if not self._of_specimen.any():
+            return self
+        lowest = _least_shifts(self.plain.observations, self.components, self.shifts) + 2 * _SPAN
+        shifts = np.maximum(
+            self._parabola(np.array([point[0]]), self._whole)[1][0], lowest - np.log(point[0])
+        )
+        moved = moved_by(self.plain, self.components, shifts - self.shifts)
+        equations = self.equations
+        return MixedLikelihood(moved, self.components, point, shifts, equations.scatter2, equations.effect2)
 
     def _nodes(self, plain: Likelihood, model: LinearModel) -> "list[_Part]":
         """Parts of the distribution of given offsets, each of which is narrow enough for a linear model.

@@ -495,6 +495,8 @@ def _searched_mixed(
         box = _box(likelihood, bounds)  # offsets move the bounds that windows set
         domain, box = Domain.of(likelihood, box, bounds), likelihood.with_windows(box)
         searches, missed = _searched(likelihood, domain, box, ("at the effects' variances", at))
+        if searches or not turn:
+            found = likelihood, domain, box, searches, missed
         if not searches or likelihood.near(searches[0].end):
             break
         before, at = likelihood, searches[0].end
@@ -503,7 +505,9 @@ def _searched_mixed(
             likelihood, at = other, there
         elif (likelihood := before.centred(at)) is before:
             break
-    return likelihood, domain, box, searches, missed
+    else:
+        found = likelihood, *found[1:]
+    return found
 
 
 def minimise(

@@ -64,6 +64,7 @@ _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
 _FARTHEST = 0.95  # of the least force, by which all may be less
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
+_NO_LAW = 1.0  # variance between groups from which on the law is not that of the data (ours)
 _FAR = 0.05  # of ln c_e, from where rows are linear to the fit
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
@@ -148,7 +149,8 @@ def _stepped(
         c_e, point = (c_e[0] * eased, c_e[1] * eased), (point[0] * eased, point[1])
     if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
         # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
-        point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
+        raised = _OFF_BOUND * max(c_e[0] / point[0], 1.0)
+        point = raised * point[0], point[1] * raised**likelihood.model.law.ridge_exponent
     near: MixedEquations | None = None
     # the bound of a specimen's windows is not that of all
     unbound = any(x.random_c_e for x in components)
@@ -328,14 +330,20 @@ class MixedLikelihood(Likelihood):
 
     def with_windows(self, box: Box) -> Box:
         """The part of a box where each row has a window at its own effects."""
-        bound = self.n_parts == 1 and not self._of_specimen.any()
+        bound = self.n_parts == 1 and (self.of_no_law or not self._of_specimen.any())
         hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if bound else 0.0
         return Box((max(box.lower[0], hard), box.lower[1]), (max(box.upper[0], hard), box.upper[1]))
 
     def near(self, point: tuple[float, float]) -> bool:
-        """Whether rows are linear close to a point and have windows there; always, where they are so in several parts."""
+        """Whether rows are linear close to a point and have windows there, or no better place is to be expected."""
         hard = float(self.plain.observations.c_e_bounds().max())
-        return self.n_parts > 1 or (abs(np.log(point[0] / self.point[0])) < _FAR and point[0] > hard)
+        close = abs(np.log(point[0] / self.point[0])) < _FAR and point[0] > hard
+        return close or self.n_parts > 1 or self.of_no_law or not isinstance(self.model, MeanFieldModel)
+
+    @property
+    def of_no_law(self) -> bool:
+        """Whether groups differ so much that the law is not that of the data: steps go anywhere then."""
+        return bool(self.equations.effect2[self.linear.estimated].max(initial=0.0) > _NO_LAW)
 
     def centred(self, point: tuple[float, float]) -> "MixedLikelihood":
         """At the same variances with rows of specimens that are linear about their own c_e at a point."""

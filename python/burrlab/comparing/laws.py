@@ -645,7 +645,7 @@ def compare_laws(
     refuse(
         residuals not in ("relative", "sigma"), f"residuals must be 'relative' or 'sigma': got {residuals!r}"
     )
-    report_progress, steps = counter(progress, "laws"), 2 * len(named) + 1
+    report_progress, steps = counter(progress, "laws"), 3 * len(named) - 1
     options: dict[str, Any] = {"residuals": residuals, "groups": groups, "uncertain": uncertain}
     first = _first_fit(data, burr, named, options)
     refuse(
@@ -664,12 +664,13 @@ def compare_laws(
         residuals == "sigma",
         effects,
     )
+    report_progress(0, steps)
     points, tests = {}, {}
-    # the first law's tests scan for all, so time is foretold after them
     for name, law in named.items():
         points[name] = likelihood.best(law)
         tests[name] = _tests(likelihood, law, points[name].height)
-        report_progress(1 + len(points), steps)
+        # the first law's tests scan for all
+        report_progress(len(named) - 1 + len(points), steps)
     contradicted = {}  # law -> why; empty where it is not
     for name, law in named.items():
         worst = min(tests[name], key=lambda test: test.p_value)
@@ -683,7 +684,7 @@ def compare_laws(
             if goodness is not None and goodness.poor and goodness.test is not None:
                 tests[name] = (*tests[name], goodness.test)
                 contradicted[name] = goodness.test.sentence
-        report_progress(1 + len(points) + len(contradicted), steps)
+        report_progress(2 * len(named) - 1 + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)
     rows = []

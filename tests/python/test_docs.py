@@ -89,6 +89,7 @@ def test_claims_of_the_paper(here):
 def test_blocks_run(name, here):
     """The blocks of a page run one after the other."""
     found = blocks(f"{name}.md")
+    assert len(found) > 0
     if name == "experiment":  # its blocks need answers; TerminalSeat needs a terminal
         found = [block for block in found if "TerminalSeat" not in block]
         simulated = "--simulated --subject 01 --fast --task probing"
@@ -116,6 +117,10 @@ def test_commands_parse(page, capsys):
         except SystemExit as stop:
             if stop.code:
                 pytest.fail(f"{line}\n{capsys.readouterr().err}")
+
+
+def test_pages_have_commands():
+    assert min(len(commands(f"{name}.md")) for name in ("README", "tissues", "view", "volumes", "web")) >= 2
 
 
 def test_make_targets_exist():

@@ -157,6 +157,7 @@ def test_bad_numbers(kind: Any, changed: dict[str, Any], match: str) -> None:
 def test_they_show_themselves(data: Any, text: str, column: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert repr(data) == text
     assert f"<th>{column}</th>" in data._repr_html_()
+    assert "a&lt;b" in data._repr_html_()
     pytest.importorskip("pandas")
     names = written(data).split("# ")[-1].splitlines()[1].split(",")
     assert list(data.to_dataframe().columns) == names

@@ -292,14 +292,13 @@ class TestOffsets:
         assert (fit.status, max(x.deviation for x in fit.effects) < 1) == ("implausible", True)
 
     def test_variances_are_sought_near_the_fit(self):
-        """Steps from a fit without specimens, which is on the ridge, end at c_e of 7 there, or of 10."""
-        for seed in (4, 38):
-            curve, random = laboratory(seed, 15, of_c_e=0.1, group="specimen"), np.random.default_rng(seed)
-            rows = np.concatenate([8 * k + random.choice(8, 3, replace=False) for k in range(15)])
-            fit = burrlab.fit(
-                VelocityCurve(curve.force[rows], curve.velocity[rows], radius=3.0, specimen=rows // 8)
-            )
-            assert abs(np.log(fit.starts[0].start[0] / fit.c_e)) < 0.05
+        """Steps from the fit without specimens, which is on the ridge, end at c_e of 7 there, and the fit is 2."""
+        curve, random = laboratory(4, 15, of_c_e=0.1, group="specimen"), np.random.default_rng(4)
+        rows = np.concatenate([8 * k + random.choice(8, 3, replace=False) for k in range(15)])
+        fit = burrlab.fit(
+            VelocityCurve(curve.force[rows], curve.velocity[rows], radius=3.0, specimen=rows // 8)
+        )
+        assert abs(np.log(fit.starts[0].start[0] / fit.c_e)) < 0.05
 
     def test_specimens_of_too_few_rows(self):
         """Nothing tells them from the scatter: limits and a band are there all the same."""
@@ -750,14 +749,14 @@ class TestPairs:
 
     def test_of_specimens_with_unlike_runs(self):
         """A variance below 0 of their difference leaves no direction less error than the runs' scatter does."""
-        random, fits = np.random.default_rng([631, sum(map(ord, "pairunb")), 8]), []
+        random, fits = np.random.default_rng([631, 753, 8]), []
         c_e, alpha = (x * np.exp(0.1 * random.normal(size=6)) for x in (BONE.c_e, BONE.alpha))
         random.normal(size=8)
         for _ in range(2):
-            runs = []
-            for _ in range(6):
-                n, _ = (random.integers(2, end) for end in (10, 13))
-                runs.append(random.choice([0.3, 0.45, 0.6, 0.9, 1.2, 1.6, 2.2], n, replace=n > 7))
+            runs = [
+                random.choice([0.3, 0.45, 0.6, 0.9, 1.2, 1.6, 2.2], n, replace=n > 7)
+                for _ in range(6) for n, _ in [[random.integers(2, end) for end in (10, 13)]]
+            ]  # fmt: skip
             of, F = np.repeat(range(6), [len(x) for x in runs]), np.concatenate(runs)
             v = np.exp(random.normal(0, 0.05, len(F))) * [
                 burrlab.penetration_velocity(BURR, burrlab.Material("one", c_e=c_e[k], alpha=alpha[k]), x)

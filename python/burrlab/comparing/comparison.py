@@ -324,7 +324,7 @@ def compare(
     t test. The joint test is of how much the rows' squares rise where both sets have one c_e and alpha; where a set
     leaves c_e open, or has it from a second minimum, both have one c_e, and the test is of alpha. With a second minimum
     the ratios of c_e and alpha are of the sets apart, and made to hold 1 where the test does. A set of one day or
-    specimen, where the other has others, allows no decision.
+    specimen, where the other has others, allows no decision; nor do the same rows twice.
 
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
     one-sided tests at 5 %, which need no correction for the number of forces (intersection-union).

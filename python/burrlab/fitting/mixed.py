@@ -52,6 +52,7 @@ _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
 _SOFTEST = 0.02  # ln c_e of a specimen over what its windows need, at least, where its rows are linear
 _WHOLE = 8  # of them, in whole steps
+_STRIDE = 0.5  # longest step of ln c_e and ln alpha
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WALKS, _BETTER = 4, 1.0  # at most; by how much -2 log of the restricted likelihood must fall there
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
@@ -158,14 +159,14 @@ def _stepped(
         equations = reml(LinearModel(moved, components, point, shifts), near)
         near = equations if k else None
         part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
-        last, step = point, part * np.clip(-equations.solution[-2:], -0.5, 0.5)
+        last, step = point, part * np.clip(-equations.solution[-2:], -_STRIDE, _STRIDE)
         bottom = 0.0 if unbound else c_e[0]
         point = float(np.clip(point[0] * np.exp(step[0]), bottom, c_e[1])), float(point[1] * np.exp(step[1]))
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
                 (unit, low, high), u = _reach(o, component), shifts[block]
-                most = 0.5 if component.random_c_e else np.inf
+                most = _STRIDE if component.random_c_e else np.inf
                 u = u + part * np.clip(-equations.solution[block] - u, -most, most)
                 beside[block] = np.where(
                     np.abs(u - shifts[block]) > 0.75 * unit,
@@ -329,7 +330,7 @@ class MixedLikelihood(Likelihood):
             self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
 
     def with_windows(self, box: Box) -> Box:
-        """The part of a box where each row has a window at its own effects."""
+        """The part of a box where each row has a window; specimens keep windows by c_e of their own."""
         bound = self.n_parts == 1 and (self.of_no_law or not self._of_specimen.any())
         hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if bound else 0.0
         return Box((max(box.lower[0], hard), box.lower[1]), (max(box.upper[0], hard), box.upper[1]))
@@ -473,7 +474,7 @@ class MixedLikelihood(Likelihood):
             B = jj - np.sum(drawn * jZ, axis=-1)
             m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
             steps = self._of_specimen * np.clip(
-                np.nan_to_num(-undone - m[:, None] * drawn - shifts), -0.5, 0.5
+                np.nan_to_num(-undone - m[:, None] * drawn - shifts), -_STRIDE, _STRIDE
             )
             if np.abs(steps).max(initial=0.0) < _NEAR:
                 break

@@ -51,7 +51,7 @@ from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
 _SOFTEST = 0.02  # ln c_e of a specimen over what its windows need, at least, where its rows are linear
-_WHOLE = 8  # of them, in whole steps
+_WITH_OFFSETS = 8  # of them
 _STRIDE = 0.5  # longest step of ln c_e and ln alpha
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WALKS, _BETTER = 4, 1.0  # at most; by how much -2 log of the restricted likelihood must fall there
@@ -60,7 +60,8 @@ _MILLION = np.log(1e6)
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
-_STEPS, _NEAR = 3, 1e-5  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
+_STEPS, _NEAR = 20, 1e-4  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
+_PATH = 40  # places of c_e of all, at which that of specimens is found first
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
 _FARTHEST = 0.95  # of the least force, by which all may be less
@@ -155,19 +156,23 @@ def _stepped(
     near: MixedEquations | None = None
     # the bound of a specimen's windows is not that of all
     unbound = any(x.random_c_e for x in components)
+    last = steps = np.zeros(len(shifts) + 2)
+    sizes, most = np.ones(len(steps)), np.full(len(steps), _STRIDE)
+    for component, block in zip(components, blocks, strict=True):
+        most[block] = _STRIDE if component.random_c_e else np.inf
     for k in range(_ROUNDS):
         equations = reml(LinearModel(moved, components, point, shifts), near)
         near = equations if k else None
-        part = 1.0 if k < _WHOLE else 0.5  # kinks of windows can make whole steps go to and fro
-        last, step = point, part * np.clip(-equations.solution[-2:], -_STRIDE, _STRIDE)
+        last, steps = steps, np.clip(-equations.solution - np.append(shifts, [0.0, 0.0]), -most, most)
+        sizes = _shorter(sizes, steps, last)
+        before, (by_c_e, by_alpha) = point, np.exp(sizes[-2:] * steps[-2:]).tolist()
         bottom = 0.0 if unbound else c_e[0]
-        point = float(np.clip(point[0] * np.exp(step[0]), bottom, c_e[1])), float(point[1] * np.exp(step[1]))
+        point = float(np.clip(point[0] * by_c_e, bottom, c_e[1])), point[1] * by_alpha
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                (unit, low, high), u = _reach(o, component), shifts[block]
-                most = _STRIDE if component.random_c_e else np.inf
-                u = u + part * np.clip(-equations.solution[block] - u, -most, most)
+                unit, low, high = _reach(o, component)
+                u = shifts[block] + sizes[block] * steps[block]
                 beside[block] = np.where(
                     np.abs(u - shifts[block]) > 0.75 * unit,
                     np.clip(unit * np.round(u / unit), low, high),
@@ -180,11 +185,19 @@ def _stepped(
             hard = float(moved.observations.c_e_bounds().max())
             c_e = max(bottom, hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
             point = float(np.clip(point[0], *c_e)), point[1]
-        elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
+        elif np.abs(np.log(np.divide(point, before))).max() < _CLOSE:
             break
-        if k == _WHOLE and any(x.quantity in OFFSETS for x in components):
+        if k == _WITH_OFFSETS and any(x.quantity in OFFSETS for x in components):
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def _shorter(sizes: Floats, steps: Floats, last: Floats) -> Floats:
+    """Shares of steps that are gone: half as much of one that goes back by over half of the last.
+
+    Kinks of windows make whole steps go to and fro.
+    """
+    return np.where((steps * last < 0) & (np.abs(steps) > 0.5 * np.abs(last)), 0.5 * sizes, sizes)
 
 
 def _least_shifts(moved: Observations, components: Sequence[Component], shifts: Floats) -> Floats:
@@ -307,6 +320,7 @@ class MixedLikelihood(Likelihood):
         self.components, self.point, self.shifts, self.plain = tuple(components), point, shifts, plain
         model = LinearModel(plain, components, point, shifts)
         self.linear, self.equations = model, MixedEquations(model, scatter2, effect2)
+        self._paths: dict[int, tuple[Floats, Floats]] = {}
         #: which effects are c_e of specimens, and by how much ln c_e of one falls at the fit where that of all rises
         self._of_specimen, self._follow = np.zeros(len(shifts), np.bool_), 0.0
         for component, block in zip(self.components, model.blocks, strict=True):
@@ -453,34 +467,56 @@ class MixedLikelihood(Likelihood):
         mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
         return np.nan_to_num(mean), inner[:, columns][..., columns]
 
+    def own_values(self, point: tuple[float, float]) -> Floats:
+        """Means of all effects at a point, given the rows; c_e of a specimen keeps a window in each of them."""
+        c_e, own = np.array([point[0]]), np.flatnonzero(self._of_specimen)
+        means, covariances = self.effects_given(c_e, np.log([[point[1]]]), np.arange(len(self.shifts)))
+        cov, off = covariances[0][:, own], self._parabola(c_e, self._whole)[1][0] - means[0, 0]
+        return np.asarray(means[0, 0] + cov @ np.linalg.solve(cov[own], off[own]))
+
     def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[list[Floats], Floats]:
         """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution; and the shifts.
 
-        Where c_e of all is another, specimens keep their own in part: their rows are linear about the best c_e that
-        they have there, found by Gauss-Newton steps from one that follows c_e of all as at the fit.
+        Where c_e of all is another, specimens keep their own in part. The first steps to it begin where it follows c_e
+        of all as at the fit, later ones between those found first.
         """
-        shifts, lowest = part.shifts + np.zeros((len(stiffness), 1)), -np.inf
+        if not self._of_specimen.any():
+            return self._settled(stiffness, part, part.shifts + np.zeros((len(stiffness), 1)))
+        if id(part) not in self._paths:
+            low = float(self.observations.c_e_bounds().max())
+            path = np.geomspace(low, low * C_E_RANGE, _PATH)
+            followed = self._follow * np.log(path / self.point[0])[:, None] * self._of_specimen
+            self._paths[id(part)] = np.log(path), self._settled(path, part, part.shifts - followed)[1]
+        log_c_e, found = self._paths[id(part)]
+        begin = [np.interp(np.log(stiffness), log_c_e, of_one) for of_one in found.T]
+        return self._settled(stiffness, part, np.stack(begin, axis=-1))
+
+    def _settled(self, stiffness: Floats, part: "_Part", shifts: Floats) -> tuple[list[Floats], Floats]:
+        """See `_parabola`: rows of specimens are linear about their best c_e, by Gauss-Newton steps from some."""
+        lowest = np.full(shifts.shape, -np.inf)
         if self._of_specimen.any():
-            own = np.log(stiffness)[:, None] * self._of_specimen
-            lowest = (
-                _least_shifts(part.likelihood.observations, self.components, part.shifts) + 2 * _SPAN - own
-            )
-            shifts += self._follow * (np.log(self.point[0]) * self._of_specimen - own)
-        for k in range(_STEPS):
-            shifts = np.maximum(shifts, lowest)
-            rr, rj, jj, rZ, jZ, scale, H = self._products(stiffness, part, shifts)
+            least = _least_shifts(part.likelihood.observations, self.components, part.shifts)
+            lowest = least + 2 * _SPAN - np.log(stiffness)[:, None] * self._of_specimen
+        shifts, table = np.maximum(shifts, lowest), np.empty((4, len(stiffness)))
+        steps, sizes, left = np.zeros(shifts.shape), np.ones(shifts.shape), np.arange(len(stiffness))
+        for _ in range(_STEPS):
+            rr, rj, jj, rZ, jZ, scale, H = self._products(stiffness[left], part, shifts[left])
             sums = (scale * np.stack([rZ, jZ])).transpose(1, 2, 0)
             undone, drawn = scale * np.linalg.solve(H, sums).transpose(2, 0, 1)
             B = jj - np.sum(drawn * jZ, axis=-1)
             m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
-            steps = self._of_specimen * np.clip(
-                np.nan_to_num(-undone - m[:, None] * drawn - shifts), -_STRIDE, _STRIDE
-            )
-            if np.abs(steps).max(initial=0.0) < _NEAR:
+            A = rr - np.sum(undone * rZ, axis=-1) - B * m**2
+            volume = np.linalg.slogdet(H)[1] if self.n_parts > 1 else 0.0
+            table[:, left] = A, B, m, np.broadcast_to(volume, B.shape)
+            off = self._of_specimen * np.nan_to_num(-undone - m[:, None] * drawn - shifts[left])
+            last, steps[left] = steps[left], np.clip(off, -_STRIDE, _STRIDE)
+            sizes[left] = _shorter(sizes[left], steps[left], last)
+            before = shifts[left]
+            shifts[left] = np.maximum(before + sizes[left] * steps[left], lowest[left])
+            left = left[np.abs(shifts[left] - before).max(axis=1, initial=0.0) >= _NEAR]
+            if not len(left):
                 break
-            shifts = shifts + (steps if k < 2 else 0.5 * steps)
-        A = rr - np.sum(undone * rZ, axis=-1) - B * m**2
-        return [A, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)], shifts
+        return list(table), shifts
 
     def _products(
         self, stiffness: Floats, part: "_Part", shifts: Floats
@@ -810,13 +846,15 @@ class MixedEvidence:
     @classmethod
     def of(cls, likelihood: MixedLikelihood, best: tuple[float, float]) -> "MixedEvidence":
         """At the variances of a likelihood; the effects with rows that are linear about its best point."""
-        equations = likelihood.equations
-        model = LinearModel(likelihood.plain, likelihood.components, best, likelihood.shifts)
+        equations, near = likelihood.equations, likelihood.centred(best)
+        model = LinearModel(near.plain, near.components, best, near.shifts)
         at_best = MixedEquations(model, equations.scatter2, equations.effect2)
         # on a ridge c_e has no error in a linear model: within a factor of e it is one
         variance = np.append(at_best.variance[:-2], [1.0, np.inf])
         M = at_best.inverse(np.arange(len(variance)), at_best.C, variance)[0]
         values, errors = -M @ at_best.c, np.sqrt(np.maximum(np.diag(M), 0.0))
+        if near is not likelihood:  # at kinks of windows the linear model's best c_e is another
+            values = near.own_values(best)
         estimated = model.n[equations.free]
         freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.sought)
         effects = tuple(

@@ -644,7 +644,7 @@ def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]
 
     Half are even by index, so that ends stay sharp; half in log c_e, so that no gap is left.
     """
-    rows = np.flatnonzero(inside)
+    rows = np.union1d(np.flatnonzero(inside), [best])
     near, far = rows[c_e[rows] <= BEYOND * c_e[best]], rows[c_e[rows] > BEYOND * c_e[best]]
     by_number = np.linspace(0, len(near) - 1, _SHOWN // 2).round().astype(int)
     even = np.searchsorted(c_e[near], np.geomspace(c_e[near[0]], c_e[near[-1]], _SHOWN // 2)[1:-1])

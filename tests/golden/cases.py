@@ -28,6 +28,7 @@ sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "py
 from page_scenes import make_page
 
 import burrlab.view.page as page_calls
+from burrlab.anatomy import mastoidectomy_path, temporal_bone
 from burrlab.psychophysics import Protocol, analyse, read_folder
 from burrlab.session.anatomy import anatomy_report
 from burrlab.view.page_source import page_source
@@ -370,6 +371,15 @@ def read(_: Path) -> Any:
 
 def _digest(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()[:16]
+
+
+@case
+def ear(_: Path) -> Any:
+    """A phantom, and a mastoidectomy of it."""
+    made = temporal_bone((0.15, 0.5, 0.5), seed=3)
+    return {"landmarks": made.landmarks, "bone": [made.bone.density, made.labels, made.target]} | vars(
+        mastoidectomy_path(made, BURR, layer=1.5, step=2.0)
+    )
 
 
 @case

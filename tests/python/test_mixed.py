@@ -1006,7 +1006,6 @@ def test_specimens_far_apart_are_integrated_over():
     """-2 log L over c_e of all, beside the integral over that of each specimen."""
     curve = laboratory(1, 8, design="loaded", between=0.05, of_c_e=0.3, group="specimen")
     fit, F, v, labels = burrlab.fit(curve), curve.force, curve.velocity, np.array(curve.groups["specimen"])
-    assert fit.status == "ok"
     of_c_e, of_alpha = (x.deviation for x in fit.effects)
     scatter, nodes = fit.evidence.scatters[0].value, np.linspace(-4.5, 4.5, 121)
     c_e = fit.c_e * np.array([0.7, 0.85, 1.0, 1.2, 1.5])

@@ -328,10 +328,11 @@ class TestResult:
 
     def test_plot(self, result, across):
         ax = result.plot()
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [N]", "area of the 95 % region, new / old [1]")
-        labels = sorted(text.get_text() for text in ax.get_legend().get_texts())
-        assert labels[:2] == ["more likely overloaded", "static pairs"]
-        assert labels[2:] == [f"velocity, $R$ = {R} mm" for R in ("1.5", "3", "5")]
+        y = "area of the 95 % region, new / old [1]"
+        assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_ylim()[0]) == ("force [N]", y, 0)
+        assert sorted(text.get_text() for text in ax.get_legend().get_texts()) == [
+            "more likely overloaded", "static pairs", *(f"velocity, $R$ = {R} mm" for R in ("1.5", "3", "5")),
+        ]  # fmt: skip
         only = design(across, [], [], 2, static=[0.2]).plot()
         assert [text.get_text() for text in only.get_legend().get_texts()] == ["static pairs"]
 

@@ -4,6 +4,7 @@ import copy
 import pickle
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -195,8 +196,8 @@ def test_a_structure_can_be_filled() -> None:
     labels = np.zeros((4, 4, 4), int)
     labels[1] = 2
     given = (
-        grey_volume(np.zeros((4, 4, 4))),
-        label_volume(labels),
+        replace(grey_volume(np.zeros((4, 4, 4))), notes=("of the volume",)),
+        replace(label_volume(labels), notes=("of the labels",)),
         default_tissues({1: "bone", 2: "facial nerve"}),
     )
     bare = "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=, --fill)"
@@ -204,7 +205,11 @@ def test_a_structure_can_be_filled() -> None:
     made = labelled_bone(*given, mapping=GREY, fill={"facial nerve": 0.5})
     np.testing.assert_array_equal(made.bone.density[1], 128)
     assert made.bone.mass_of("facial nerve") > 0
-    assert "facial nerve: occupancy at least 0.5, as asked" in made.notes
+    assert made.notes == (
+        "of the volume",
+        "of the labels",
+        "facial nerve: occupancy at least 0.5, as asked",
+    )
 
 
 def test_labels_alone() -> None:

@@ -1,7 +1,7 @@
-"""Do the tests notice faults? By hand and drawn at random, each with the quickest test files that run its function.
+"""Do the tests notice faults? By hand and drawn at random, each with the quick tests that run its function.
 
-    python tests/mutants.py trace calls.json                  # functions that each test file runs, its time
-    python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; resumes
+    python tests/mutants.py trace calls.jsonl                 # functions that each test runs, its time: 12 minutes
+    python tests/mutants.py run calls.jsonl result.jsonl 1/2   # every second fault, from the first; resumes
     python tests/mutants.py compare before.jsonl after.jsonl
 
 A fault is named by its function and an expression in it, so that it is found wherever the function moves; a
@@ -9,24 +9,27 @@ fault of the core by its line. For these the C++ tests run before the test files
 """
 
 import ast
+import itertools
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tempfile
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 PACKAGE, TESTS = ROOT / "python/burrlab", ROOT / "tests/python"
 FAULTS = [ROOT / "tests/golden" / name for name in ("faults.jsonl", "mutants.jsonl")]
-MOST_FILES, MOST_SECONDS, PATIENCE = 4, 90.0, 300.0
+MOST_SECONDS, PATIENCE = 90.0, 300.0
 CORE_TESTS = {
     "src": ["test_tick_reference.py", "test_hierarchy.py", "test_mean_field.py", "test_surface.py"],
     "kernel": ["test_tick_reference.py", "test_hierarchy.py"],
@@ -36,7 +39,7 @@ CORE_TESTS = {
     "effects": ["test_effects.py"],
 }
 
-# ---- what each test file runs ----
+# ---- what each test runs ----
 
 _ran: dict[int, CodeType] = {}
 
@@ -45,60 +48,65 @@ def _note(frame: FrameType, *_: object) -> None:
     _ran[id(frame.f_code)] = frame.f_code
 
 
-def pytest_configure() -> None:
-    if "MUTANTS_CALLS" in os.environ:
-        threading.settrace(_note)
-        sys.settrace(_note)
+def _write(**row: object) -> None:
+    """A row with the package's functions that have run since the last."""
+    names = {code.co_qualname for code in list(_ran.values()) if code.co_filename.startswith(str(PACKAGE))}
+    _ran.clear()
+    with (Path(os.environ["MUTANTS_CALLS"]) / str(os.getpid())).open("a") as file:
+        file.write(json.dumps(row | {"functions": sorted(names)}) + "\n")
 
 
-def pytest_unconfigure() -> None:
-    if "MUTANTS_CALLS" in os.environ:
-        sys.settrace(None)
-        names = {code.co_qualname for code in _ran.values() if code.co_filename.startswith(str(PACKAGE))}
-        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted(names)))
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(
+    fixturedef: pytest.FixtureDef[Any], request: pytest.FixtureRequest
+) -> Generator[None, object, object]:
+    """What a fixture of a whole file runs counts for each of its tests."""
+    if fixturedef.scope == "function":
+        return (yield)
+    before = dict(_ran)
+    _ran.clear()
+    made = yield
+    _write(file=request.node.nodeid.partition("::")[0])
+    _ran.update(before)
+    return made
 
 
-def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:
-    """Exit status, None after too long a time, and CPU seconds: other work on the machine does not count."""
-    begun = _children_time()
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    _ran.clear()
+    begin = time.time()
+    threading.settrace(_note)
+    sys.settrace(_note)
+    done = yield
+    sys.settrace(None)
+    _write(test=item.nodeid, seconds=round(time.time() - begin, 2))
+    return done
+
+
+def _pytest(tests: list[str], package: Path, *options: str, patience: float = PATIENCE) -> int | None:
+    """Exit status, None after too long a time."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, "-m", "not slow", *files],
-        env={**os.environ, "PYTHONPATH": f"{package}{os.pathsep}{ROOT}/tests", "MPLBACKEND": "Agg", **environment},
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, "-m", "not slow", *tests],
+        env={**os.environ, "PYTHONPATH": f"{package}{os.pathsep}{ROOT}/tests", "MPLBACKEND": "Agg"},
         cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     try:
-        return process.wait(
-            PATIENCE * (10 if "MUTANTS_CALLS" in environment else 1)
-        ), _children_time() - begun
+        return process.wait(patience)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, 9)
         process.wait()
-        return None, _children_time() - begun
-
-
-def _children_time() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+        return None
 
 
 def _rows(file: str | Path) -> list[dict[str, Any]]:
-    path = Path(file)
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    return [json.loads(line) for line in Path(file).read_text().splitlines()] if Path(file).exists() else []
 
 
 def trace(out: str) -> None:
-    path = Path(out).absolute()
-    calls = json.loads(path.read_text()) if path.exists() else {}
-    for file in sorted(TESTS.glob("test_*.py")):
-        if file.name in calls:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            ran = Path(folder) / "ran.json"
-            status, seconds = _pytest([str(file)], PACKAGE.parent, "-p", "mutants", MUTANTS_CALLS=str(ran))
-            functions = json.loads(ran.read_text()) if ran.exists() and status == 0 else []
-        calls[file.name] = {"seconds": round(seconds, 1), "functions": functions, "status": status}
-        path.write_text(json.dumps(calls))
-        print(file.name, status, round(seconds, 1), len(functions), flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["MUTANTS_CALLS"] = folder
+        print("status", _pytest([], PACKAGE.parent, "-n", "2", "-p", "mutants", patience=20 * PATIENCE))
+        Path(out).write_text("".join(part.read_text() for part in Path(folder).iterdir()))
 
 
 # ---- faults ----
@@ -193,7 +201,9 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
             return True
         core = next((build / "cpp").glob("_core*"))
         shutil.copy(core, package / core.name)
-        return _pytest([str(TESTS / name) for name in CORE_TESTS[path.parent.name]], package.parent)[0] != 0
+        return (
+            _pytest([str(TESTS / name) for name in CORE_TESTS[path.parent.name]], package.parent, "-x") != 0
+        )
     finally:
         copied.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
         for core in PACKAGE.glob("_core*.so"):
@@ -201,7 +211,7 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
 
 
 def run(calls_file: str, out: str, part: str = "1/1") -> None:
-    calls, begin, step = json.loads(Path(calls_file).read_text()), *map(int, part.split("/"))
+    calls, begin, step = _rows(calls_file), *map(int, part.split("/"))
     faults = [fault for file in FAULTS for fault in _rows(file)][begin - 1 :: step]
     done = [row["fault"] for row in _rows(out)]
     with tempfile.TemporaryDirectory() as folder:
@@ -219,9 +229,8 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
                 else:
                     copied = package / path.relative_to(PACKAGE)
                     copied.write_text(text, encoding="utf-8")
-                    row["by"] = files = _chosen(calls, fault["function"], path.stem)
-                    status = _pytest([str(TESTS / file) for file in files], package.parent)[0] if files else 0
-                    row["caught"] = status != 0
+                    row["by"] = tests = _chosen(calls, fault["function"], path.stem)
+                    row["caught"] = bool(tests) and _pytest(tests, package.parent, "-x") != 0
                     shutil.copy(path, copied)
             with Path(out).open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -231,23 +240,26 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
                 fault["before"],
                 "->",
                 fault["after"],
-                *row["by"],
+                len(row["by"]),
                 flush=True,
             )
 
 
-def _chosen(calls: dict[str, Any], function: str, module: str) -> list[str]:
-    """Test files that run a function, the module's own and those first that run few others and are quick."""
-    able = [name for name, one in calls.items() if function in one["functions"]]
-    chosen: list[str] = []
-    for name in sorted(
-        able,
-        key=lambda name: (module not in name, len(calls[name]["functions"]) * (10 + calls[name]["seconds"])),
-    ):
-        spent = sum(calls[one]["seconds"] for one in [*chosen, name])
-        if len(chosen) < MOST_FILES and (not chosen or spent < MOST_SECONDS):
-            chosen.append(name)
-    return chosen
+def _chosen(calls: list[dict[str, Any]], function: str, module: str) -> list[str]:
+    """Tests that run a function: those of the module's own file first, then those that run few others and are quick."""
+    files = {row["file"] for row in calls if "file" in row and function in row["functions"]}
+    able = [
+        row for row in calls
+        if "test" in row and (function in row["functions"] or row["test"].partition("::")[0] in files)
+    ]  # fmt: skip
+    able.sort(
+        key=lambda row: (
+            module not in row["test"].partition("::")[0],
+            len(row["functions"]) * (0.1 + row["seconds"]),
+        )
+    )
+    spent = itertools.accumulate(row["seconds"] for row in able)
+    return [row["test"] for row in able[: 1 + sum(total < MOST_SECONDS for total in spent)]]
 
 
 def compare(before: str, after: str) -> int:

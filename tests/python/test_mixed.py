@@ -992,10 +992,12 @@ def test_pressed_rows_are_judged_with_all_best_offsets(seed):
     assert fit.status == "ok", fit.verdict
 
 
-@pytest.mark.parametrize("seed", [7, 11])
-def test_own_values_of_specimens_meet_their_rows(seed):
-    """One of them is so soft that a linear step ends at c_e with which its largest force has no window."""
-    curve = laboratory(seed, 3, design="overloaded", of_c_e=0.3, group="specimen")
+@pytest.mark.parametrize(
+    ("design", "n", "of_c_e", "seed"), [("overloaded", 3, 0.3, 7), ("overloaded", 3, 0.3, 11), ("loaded", 4, 0.1, 8)]
+)  # fmt: skip
+def test_own_values_of_specimens_meet_their_rows(design, n, of_c_e, seed):
+    """One is so soft that a linear step ends at c_e with which its largest force has no window; or all are alike."""
+    curve = laboratory(seed, n, design=design, of_c_e=of_c_e, group="specimen")
     levels = burrlab.fit(curve).levels("specimen")
     c_e, alpha = np.array([levels[label] for label in curve.groups["specimen"]])[curve.ok].T
     v = np.diag(burrlab.Law("parabolic").velocity(curve.force[curve.ok], c_e[:, None], alpha[:, None], 3.0))

@@ -469,10 +469,12 @@ class MixedLikelihood(Likelihood):
 
     def own_values(self, point: tuple[float, float]) -> Floats:
         """Means of all effects at a point, given the rows; c_e of a specimen keeps a window in each of them."""
-        c_e, own = np.array([point[0]]), np.flatnonzero(self._of_specimen)
-        means, covariances = self.effects_given(c_e, np.log([[point[1]]]), np.arange(len(self.shifts)))
-        cov, off = covariances[0][:, own], self._parabola(c_e, self._whole)[1][0] - means[0, 0]
-        return np.asarray(means[0, 0] + cov @ np.linalg.solve(cov[own], off[own]))
+        c_e, every = np.array([point[0]]), np.arange(len(self.shifts))
+        means, covariances = self.effects_given(c_e, np.log([[point[1]]]), every)
+        lacking = (self._parabola(c_e, self._whole)[1][0] - means[0, 0]) * self._of_specimen
+        held = np.flatnonzero(lacking > _NEAR)
+        cov = covariances[0][:, held]
+        return np.asarray(means[0, 0] + cov @ np.linalg.pinv(cov[held], hermitian=True) @ lacking[held])
 
     def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[list[Floats], Floats]:
         """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution; and the shifts.

@@ -384,7 +384,8 @@ class TestOffsets:
         assert (fit.status, fit.n_parameters) == ("ok", 4)
         assert own.ends[0] < np.log(2.5) < own.ends[1]
         assert BONE.c_e in fit.intervals["c_e"]["95"]
-        assert fit.residual_norm < 0.07
+        days = [replace(laboratory(k, 3), groups={"day": np.arange(24) // 8 + 3 * k}) for k in (0, 1)]
+        assert burrlab.fit(days, share=("c_e",)).effects[-1].freedom == pytest.approx(4, rel=0.1)
         assert f"alpha of data set 2 is {np.exp(own.values[0]):.3g} times that of the first" in fit.verdict
         apart = [burrlab.fit(curve) for curve in curves]
         assert fit.intervals["c_e"]["95"].ratio() < min(x.intervals["c_e"]["95"].ratio() for x in apart)
@@ -392,7 +393,6 @@ class TestOffsets:
         pressed = burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.15, 0.2], seed=3)  # has no alpha
         with_it = burrlab.fit([pressed, *curves], share=("c_e",))
         assert (with_it.effects[0].levels, with_it.status) == (("3",), "ok")
-        assert with_it.alpha == pytest.approx(fit.alpha, rel=0.1)
         over = burrlab.VelocityCurve([9.0], [np.nan], radius=3.0, status=["overloaded"])
         refused(
             (lambda: burrlab.compare(fit, apart[0]), "compare needs fits of one c_e and alpha each"),

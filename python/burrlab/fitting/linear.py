@@ -456,17 +456,18 @@ class MixedEquations:
         inner[:n_free, n_free:] = inner[n_free:, :n_free].T
         return np.asarray(inner - products @ self.M @ products.T)
 
-    def uncertainty(self) -> MixedCalibration:
-        """The covariance of the step, and how it varies with the variances, by Kenward and Roger."""
+    def uncertainty(self, columns: Rows | slice | None = None) -> MixedCalibration:
+        """The covariance of the step, or of some columns, and how it varies with the variances, by Kenward and Roger."""
         M, G, blocks = self.M, self.by_scatter, self.estimated_blocks
-        fixed = slice(len(M) - self.model.n_fixed, None)
-        m, rest = M[:, fixed], np.eye(len(M)) - M @ self.C  # V^-1 J Phi = S^-1 W m
+        if columns is None:
+            columns = slice(len(M) - self.model.n_fixed, None)
+        m, rest = M[:, columns], np.eye(len(M)) - M @ self.C  # V^-1 J Phi = S^-1 W m
         weights = [(self.C @ m)[block] for block in blocks]
         changes = [m.T @ G[k] @ m for k in self.free] + [a.T @ a for a in weights]  # of Phi by each variance
         size = len(changes)
         information, bias = (
             np.zeros((size, size)),
-            np.zeros((size, size, self.model.n_fixed, self.model.n_fixed)),
+            np.zeros((size, size, m.shape[1], m.shape[1])),
         )
         for i, k in enumerate(self.free):
             for j, other in enumerate(self.free):
@@ -488,7 +489,7 @@ class MixedEquations:
         covariance = np.asarray(
             np.linalg.pinv(information / 2, rcond=1e-12, hermitian=True), np.float64
         )  # of the variances
-        Phi = M[fixed, fixed]
+        Phi = m[columns]
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
         estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
         told_apart = bool(

@@ -889,15 +889,23 @@ class MixedEvidence:
             values = near.own_values(best)
         estimated = model.n[equations.free]
         freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.sought)
+        freedoms = dict.fromkeys(range(len(model.blocks)), max(freedom, 1.0) if len(estimated) else np.inf)
+        for k, block in enumerate(model.blocks):
+            if model.components[k].sought and model.estimated:  # such as of two drills on days of their own
+                told = at_best.uncertainty(block)
+                each = [told.variance(one) for one in np.eye(len(told.covariance))]
+                errors[block], freedoms[k] = np.sqrt([x for x, _ in each]), min(nu for _, nu in each)
         effects = tuple(
             MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
                 None if component.sought else float(np.sqrt(effect2)),
                 _deviation_interval(likelihood.linear, equations, block, float(np.sqrt(effect2))) if component.deviation is None else None,
                 tuple(values[block].tolist()), tuple(errors[block].tolist()),
-                max(freedom, 1.0) if len(estimated) else np.inf,
+                freedoms[k],
             )
-            for component, block, effect2 in zip(model.components, model.blocks, equations.effect2, strict=True)
+            for k, (component, block, effect2) in enumerate(
+                zip(model.components, model.blocks, equations.effect2, strict=True)
+            )
         )  # fmt: skip
         return cls(effects, equations.scatter2, likelihood.shifts, equations.uncertainty())
 

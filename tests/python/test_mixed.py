@@ -15,7 +15,6 @@ from session_scenes import refused
 import burrlab
 from burrlab import Indentation, VelocityCurve
 from burrlab.comparing.paired import ERROR
-from burrlab.fitting.calibration import _freedom_of_sum
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, Slopes, components_of
 from burrlab.fitting.mixed import _size
@@ -147,9 +146,13 @@ class TestFreedom:
 
     def test_of_a_sum_of_two(self):
         """A direction that rests on few groups adds its square to that of the runs."""
-        limit = 2 * special.fdtri(2, _freedom_of_sum(2.0, 44.0), 0.95)
-        t = np.random.default_rng(1).standard_t([2, 44], (400_000, 2))
-        assert np.mean(np.sum(t**2, axis=1) > limit) == pytest.approx(0.05, abs=0.002)
+        calibration = burrlab.fit(laboratory(1, 4)).evidence.mixed.calibration
+        squares = np.random.default_rng(1).standard_t(calibration.freedoms, (400_000, 2)) ** 2
+        limits = (
+            2 * special.fdtri(2, calibration.freedom_of_sum, 0.95),
+            np.quantile(squares.sum(axis=1), 0.992),
+        )
+        assert [calibration.probability_of_sum(x) for x in limits] == pytest.approx([0.05, 0.008], rel=0.03)
 
     def test_of_crossed_days(self):
         """The level of alpha has one degree less than the days, c_e those of all rows."""

@@ -109,6 +109,8 @@ class Paired:
             F = self.rise / self.calibration.bias / 2
             freedom = (2.0, min(self.calibration.freedom_of_sum, self.most_freedom))
         p, text = float(special.fdtrc(*freedom, F)), ", ".join(f"{number:.3g}" for number in freedom)
+        if not self.one_c_e and self.most_freedom == np.inf:  # at other levels than 5 %, for several pairs
+            p = self.calibration.probability_of_sum(2 * F)
         units = f", paired by {self.group}" if self.group else ""
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
         return HypothesisTest("one material", F, freedom, p, (

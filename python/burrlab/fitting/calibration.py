@@ -211,15 +211,27 @@ class MixedCalibration:
         return max(float(np.trace(np.linalg.solve(self.covariance, self.adjusted))) / 2, 1.0)
 
     @property
-    def freedom_of_sum(self) -> float:
-        """nu at which F with 2 and nu has the limit of two squares of t: of the direction that knows least, and across."""
+    def freedoms(self) -> tuple[float, float]:
+        """Of the direction that knows least, and of that across."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        freedoms = [
+        each = [
             self.freedom(np.array([np.cos(x), np.sin(x)]) @ root)
             for x in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
         ]
-        least = int(np.argmin(freedoms))
-        return _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
+        least = int(np.argmin(each))
+        return each[least], each[least - _DIRECTIONS // 2]
+
+    @property
+    def freedom_of_sum(self) -> float:
+        """nu at which F with 2 and nu has the 95 % limit of two squares of t, see `freedoms`."""
+        return _freedom_of_sum(*self.freedoms)
+
+    def probability_of_sum(self, squares: float) -> float:
+        """p-value of two squares of t, see `freedoms`; F with 2 and `freedom_of_sum` has it at 5 % alone."""
+        least, across = self.freedoms
+        below = float(special.fdtr(1, across, squares))  # probability that the second alone is
+        others = special.fdtri(1, across, below * (np.arange(_NODES) + 0.5) / _NODES)
+        return 1 - below + below * float(np.mean(special.fdtrc(1, least, squares - others)))
 
     def variance(self, direction: Floats) -> tuple[float, float]:
         """See `Calibration.variance`."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import special
 
 from burrlab.common.table import by_value, probability_text
@@ -62,7 +61,6 @@ _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _STEPS, _NEAR = 20, 1e-4  # of Gauss-Newton for c_e of specimens, at most; the change of ln c_e that ends them
-_FIXED = 1e-6  # deviation of ln c_e of specimens that do not differ
 _PATH = 40  # places of c_e of all, at which that of specimens is found first
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
@@ -71,7 +69,6 @@ _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _NO_LAW = 1.0  # variance between groups from which on the law is not that of the data (ours)
 _FAR = 0.05  # of ln c_e, from where rows are linear to the fit
 _FOLLOW = 0.75  # of a change of c_e that specimens undo, at most (ours)
-_UNLIKELY = 8.0  # standard deviations, by which no specimen differs from all
 _BELOW = 0.2  # c_e where a walk begins, over the bound of specimens' windows, which is none of all
 
 
@@ -201,24 +198,6 @@ def _shorter(sizes: Floats, steps: Floats, last: Floats) -> Floats:
     Kinks of windows make whole steps go to and fro.
     """
     return np.where((steps * last < 0) & (np.abs(steps) > 0.5 * np.abs(last)), 0.5 * sizes, sizes)
-
-
-def _held_at(
-    u: Floats, held: NDArray[np.bool_], A: Floats, B: Floats, m: Floats, undone: Floats, drawn: Floats, scale: Floats, H: Floats
-) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """A, B and m of `AlphaSlices` where some effects u are held, as they would be below: -undone - m drawn, there best.
-
-    The squares rise by d' K d, with d what an effect is held above its best at each alpha, and K the inverse of the held
-    effects' covariance.
-    """
-    inner = scale[:, None] * np.linalg.inv(H) * scale + _FIXED**2 * np.eye(len(scale))
-    both = held[:, :, None] & held[:, None]
-    K = np.where(both, np.linalg.inv(np.where(both, inner, np.eye(len(scale)))), 0.0)
-    a, b = np.where(held, u + undone, 0.0), np.where(held, drawn, 0.0)  # d = a + b ln alpha
-    of_a, of_b = (np.einsum("ij,ijk->ik", d, K) for d in (a, b))
-    stiffer = B + np.sum(of_b * b, axis=-1)
-    best = (B * m - np.sum(of_b * a, axis=-1)) / stiffer
-    return A + B * m**2 + np.sum(of_a * a, axis=-1) - stiffer * best**2, stiffer, best
 
 
 def _least_shifts(moved: Observations, components: Sequence[Component], shifts: Floats) -> Floats:
@@ -361,12 +340,7 @@ class MixedLikelihood(Likelihood):
         if self.n_parts > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
-            if self._of_specimen.any():  # as far as one can differ
-                least = _least_shifts(self.observations, self.components, shifts).max()
-                deviation = np.sqrt(self.equations.variance[:-2][self._of_specimen].max())
-                eased *= np.exp(least) / self.observations.c_e_bounds().max()
-                eased *= max(_BELOW, np.exp(-_UNLIKELY * deviation))
-            eased = float(eased)
+            eased = float(eased) * (_BELOW if self._of_specimen.any() else 1.0)
             self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
 
     def with_windows(self, box: Box) -> Box:
@@ -496,11 +470,13 @@ class MixedLikelihood(Likelihood):
     def own_values(self, point: tuple[float, float]) -> Floats:
         """Means of all effects at a point, given the rows; c_e of a specimen keeps a window in each of them."""
         c_e, every = np.array([point[0]]), np.arange(len(self.shifts))
-        means, covariances = self.effects_given(c_e, np.log([[point[1]]]), every)
-        lacking = (self._parabola(c_e, self._whole)[1][0] - means[0, 0]) * self._of_specimen
-        held = np.flatnonzero(lacking > _NEAR)
-        cov = covariances[0][:, held]
-        return np.asarray(means[0, 0] + cov @ np.linalg.pinv(cov[held], hermitian=True) @ lacking[held])
+        (((values,),), (covariance,)) = self.effects_given(c_e, np.log([[point[1]]]), every)
+        own = self._parabola(c_e, self._whole)[1][0]
+        held = np.flatnonzero(self._of_specimen & (own > values + _NEAR))
+        others = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True) @ (own - values)[held]
+        values = values + covariance[:, held] @ others
+        values[held] = own[held]  # also where c_e does not differ
+        return np.asarray(values)
 
     def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[list[Floats], Floats]:
         """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution; and the shifts.
@@ -521,11 +497,10 @@ class MixedLikelihood(Likelihood):
 
     def _settled(self, stiffness: Floats, part: "_Part", shifts: Floats) -> tuple[list[Floats], Floats]:
         """See `_parabola`: rows of specimens are linear about their best c_e, by Gauss-Newton steps from some."""
-        least = np.full(shifts.shape, -np.inf)
+        lowest = np.full(shifts.shape, -np.inf)
         if self._of_specimen.any():
-            bounds = _least_shifts(part.likelihood.observations, self.components, part.shifts)
-            least = bounds - np.log(stiffness)[:, None] * self._of_specimen
-        lowest = least + 2 * _SPAN
+            least = _least_shifts(part.likelihood.observations, self.components, part.shifts)
+            lowest = least + 2 * _SPAN - np.log(stiffness)[:, None] * self._of_specimen
         shifts, table = np.maximum(shifts, lowest), np.empty((4, len(stiffness)))
         steps, sizes, left = np.zeros(shifts.shape), np.ones(shifts.shape), np.arange(len(stiffness))
         for _ in range(_STEPS):
@@ -535,9 +510,6 @@ class MixedLikelihood(Likelihood):
             B = jj - np.sum(drawn * jZ, axis=-1)
             m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
             A = rr - np.sum(undone * rZ, axis=-1) - B * m**2
-            held = self._of_specimen & (least[left] + undone + m[:, None] * drawn > 0)
-            if held.any():
-                A, B, m = _held_at(np.where(held, least[left], 0.0), held, A, B, m, undone, drawn, scale, H)
             volume = np.linalg.slogdet(H)[1] if self.n_parts > 1 else 0.0
             table[:, left] = A, B, m, np.broadcast_to(volume, B.shape)
             off = self._of_specimen * np.nan_to_num(-undone - m[:, None] * drawn - shifts[left])

@@ -51,7 +51,7 @@ from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
 _SOFTEST = 0.02  # ln c_e of a specimen over what its windows need, at least, where its rows are linear
-_WITH_OFFSETS = 8  # of them
+_WHOLE = 8  # of them, in whole steps, where no specimen has c_e of its own
 _STRIDE = 0.5  # longest step of ln c_e and ln alpha
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WALKS, _BETTER = 4, 1.0  # at most; by how much -2 log of the restricted likelihood must fall there
@@ -164,7 +164,8 @@ def _stepped(
         equations = reml(LinearModel(moved, components, point, shifts), near)
         near = equations if k else None
         last, steps = steps, np.clip(-equations.solution - np.append(shifts, [0.0, 0.0]), -most, most)
-        sizes = _shorter(sizes, steps, last)
+        # kinks of windows can make whole steps go to and fro
+        sizes = _shorter(sizes, steps, last) if unbound else np.full(len(steps), 1.0 if k < _WHOLE else 0.5)
         before, (by_c_e, by_alpha) = point, np.exp(sizes[-2:] * steps[-2:]).tolist()
         bottom = 0.0 if unbound else c_e[0]
         point = float(np.clip(point[0] * by_c_e, bottom, c_e[1])), point[1] * by_alpha
@@ -187,16 +188,13 @@ def _stepped(
             point = float(np.clip(point[0], *c_e)), point[1]
         elif np.abs(np.log(np.divide(point, before))).max() < _CLOSE:
             break
-        if k == _WITH_OFFSETS and any(x.quantity in OFFSETS for x in components):
+        if k == _WHOLE and not unbound and any(x.quantity in OFFSETS for x in components):
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
 
 
 def _shorter(sizes: Floats, steps: Floats, last: Floats) -> Floats:
-    """Shares of steps that are gone: half as much of one that goes back by over half of the last.
-
-    Kinks of windows make whole steps go to and fro.
-    """
+    """Shares of steps that are gone: half as much of one that goes back by over half of the last."""
     return np.where((steps * last < 0) & (np.abs(steps) > 0.5 * np.abs(last)), 0.5 * sizes, sizes)
 
 

@@ -1,7 +1,7 @@
 """Do the tests notice faults? By hand and drawn at random, each with the quick tests that run its function.
 
     python tests/mutants.py trace calls.jsonl                 # functions that each test runs, its time: 12 minutes
-    python tests/mutants.py run calls.jsonl result.jsonl 1/2   # every second fault, from the first; resumes
+    python tests/mutants.py run calls.jsonl result.jsonl 1/2  # every second fault, from the first; resumes
     python tests/mutants.py compare before.jsonl after.jsonl
 
 A fault is named by its function and an expression in it, so that it is found wherever the function moves; a

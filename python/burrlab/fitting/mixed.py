@@ -144,10 +144,9 @@ def _stepped(
 
     The rows are linear about the best offsets; those of surface and radius are rounded, so that windows come again.
     """
-    blocks, o = blocks_of(components), likelihood.observations
     moved = moved_by(likelihood, components, shifts)
     if moved is not likelihood:
-        eased = float(moved.observations.c_e_bounds().max() / o.c_e_bounds().max())
+        eased = float(moved.observations.c_e_bounds().max() / likelihood.observations.c_e_bounds().max())
         c_e, point = (c_e[0] * eased, c_e[1] * eased), (point[0] * eased, point[1])
     if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
         # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
@@ -158,7 +157,7 @@ def _stepped(
     unbound = any(x.random_c_e for x in components)
     last = steps = np.zeros(len(shifts) + 2)
     sizes, most = np.ones(len(steps)), np.full(len(steps), _STRIDE)
-    for component, block in zip(components, blocks, strict=True):
+    for component, block in zip(components, blocks_of(components), strict=True):
         most[block] = _STRIDE if component.random_c_e else np.inf
     for k in range(_ROUNDS):
         equations = reml(LinearModel(moved, components, point, shifts), near)
@@ -169,16 +168,7 @@ def _stepped(
         before, (by_c_e, by_alpha) = point, np.exp(sizes[-2:] * steps[-2:]).tolist()
         bottom = 0.0 if unbound else c_e[0]
         point = float(np.clip(point[0] * by_c_e, bottom, c_e[1])), point[1] * by_alpha
-        beside = shifts.copy()
-        for component, block in zip(components, blocks, strict=True):
-            if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                unit, low, high = _reach(o, component)
-                u = shifts[block] + sizes[block] * steps[block]
-                beside[block] = np.where(
-                    np.abs(u - shifts[block]) > 0.75 * unit,
-                    np.clip(unit * np.round(u / unit), low, high),
-                    shifts[block],
-                )
+        beside = _moved_shifts(likelihood, components, shifts, sizes[:-2] * steps[:-2])
         lowest = _least_shifts(moved.observations, components, shifts) - np.log(point[0]) + _SOFTEST
         beside = np.maximum(beside, EDGE * np.ceil(lowest / EDGE))
         if (beside != shifts).any():
@@ -191,6 +181,20 @@ def _stepped(
         if k == _WHOLE and not unbound and any(x.quantity in OFFSETS for x in components):
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def _moved_shifts(
+    likelihood: Likelihood, components: Sequence[Component], shifts: Floats, steps: Floats
+) -> Floats:
+    """What rows are moved by after a step, rounded and within reach; those that hardly change stay."""
+    moved = shifts.copy()
+    for component, block in zip(components, blocks_of(components), strict=True):
+        if component.moves and isinstance(likelihood.model, MeanFieldModel):
+            unit, low, high = _reach(likelihood.observations, component)
+            u = shifts[block] + steps[block]
+            far = np.abs(u - shifts[block]) > 0.75 * unit
+            moved[block] = np.where(far, np.clip(unit * np.round(u / unit), low, high), shifts[block])
+    return moved
 
 
 def _shorter(sizes: Floats, steps: Floats, last: Floats) -> Floats:
@@ -471,8 +475,8 @@ class MixedLikelihood(Likelihood):
         (((values,),), (covariance,)) = self.effects_given(c_e, np.log([[point[1]]]), every)
         own = self._parabola(c_e, self._whole)[1][0]
         held = np.flatnonzero(self._of_specimen & (own > values + _NEAR))
-        others = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True) @ (own - values)[held]
-        values = values + covariance[:, held] @ others
+        inverse = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True)
+        values = values + covariance[:, held] @ inverse @ (own - values)[held]
         values[held] = own[held]  # also where c_e does not differ
         return np.asarray(values)
 

@@ -52,6 +52,7 @@ class Exponent:
     name : str
         ``"s"`` of v ~ F^s, ``"q"`` of F ~ h^q, ``"m"`` of the rate ~ F^m, ``"k"`` of f = (1 - x^2)^k.
     value : float
+        The best; of s the mean over laws, weighted by their likelihood.
     intervals : mapping
         Level ``68``, ``95``, ``99.7`` -> Interval; None is open.
     grid, rise : ndarray, shape (m,)

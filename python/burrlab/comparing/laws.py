@@ -27,7 +27,7 @@ from burrlab.comparing.law_comparison import (
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
-from burrlab.fitting.linear import Uncertain
+from burrlab.fitting.linear import OFFSETS, Uncertain
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Interval
@@ -95,6 +95,37 @@ class Scan:
         return self.heights(s - 2 * (self.orders[:, None] + 1) / self.q)
 
 
+def _at_offsets(o: Observations, effects: Fit | None) -> Observations:
+    """The rows about which effects are linear: corrected for a fit's offsets, and moved back along these lines."""
+    mixed = effects and effects.likelihood
+    if not isinstance(mixed, MixedLikelihood):
+        return o
+    shifts = np.zeros(len(mixed.shifts))
+    for x, block in zip(mixed.components, mixed.linear.blocks, strict=True):
+        if x.quantity in OFFSETS:
+            shifts[block] = mixed.shifts[block]
+            u = np.append(shifts[block], 0.0)  # a level of -1 has none
+            o = o.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])
+    velocity, pressed = o.velocity.copy(), o.pressed.copy()
+    for rows, columns in zip(mixed.linear.rows, mixed.linear.columns, strict=True):
+        back, measured, sigma = (
+            -columns[:, :-3] @ shifts,
+            *{"velocity": (velocity, o.sigma), "force": (pressed, o.pressed_sigma)}[rows.name],
+        )
+        measured[rows.at] += sigma * back if rows.known else measured[rows.at] * np.expm1(back)
+    return replace(o, velocity=velocity, pressed=pressed)
+
+
+def _own_part(columns: Floats) -> Callable[[Floats], Floats]:
+    """What makes rows that share effects independent, of the scatter that is each row's own. Last axis: rows.
+
+    The effects are normal, with standard deviations that are those of the columns over that scatter.
+    """
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    shrink = 1 - 1 / np.sqrt(1 + sizes**2)
+    return lambda rows: np.asarray(rows - (rows @ basis * shrink) @ basis.T)
+
+
 @dataclass(frozen=True, eq=False)
 class BestPoint:
     """The best constants of a law, and how each row likes them."""
@@ -121,18 +152,21 @@ class LawLikelihood:
     def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
         o, self.known, self._scans = observations, known, dict[tuple[float, str], Scan]()
         self._effects = effects
+        mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
         self.observations, self._windows, (self._single, self._runs) = o, o.by_window(), runs_of(o)
         self.n = len(self._single) + len(self._runs)
         self._weight = (
             means_of_runs(o.velocity / o.sigma, self._single, self._runs) if known else np.ones(self.n)
         )
-        mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
-        columns = np.empty((self.n, 0))
+        columns = {"velocity": np.empty((self.n, 0)), "force": np.empty((len(o.pressed), 0))}
         if mixed is not None:  # their part of the rows' covariance, over that of the scatter
-            deviations = np.sqrt(mixed.equations.variance[:-2] / mixed.equations.scatter2[0])
-            columns = mixed.linear.columns[0][: self.n, :-3] * deviations
-        self._basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-        self._shrink = 1 - 1 / np.sqrt(1 + sizes**2)
+            for x, Z, scatter2 in zip(
+                mixed.linear.rows, mixed.linear.columns, mixed.equations.scatter2, strict=True
+            ):
+                columns[x.name] = Z[:, :-3] * np.sqrt(mixed.equations.variance[:-2] / scatter2)
+        self._related = mixed is not None
+        self._own_part = _own_part(columns["velocity"][: self.n])
+        self._own_part_pressed = _own_part(columns["force"])
         self.log_velocity = self.whitened(np.log(o.velocity))
         self.ones, self.log_force = self.whitened(np.ones(len(o.force))), self.whitened(np.log(o.force))
         self._level = self.ones / np.linalg.norm(self.ones)
@@ -151,7 +185,13 @@ class LawLikelihood:
     def whitened(self, rows: Floats) -> Floats:
         """The runs' means, made independent and of one scatter. Last axis: rows, then runs."""
         means = means_of_runs(rows, self._single, self._runs) * self._weight
-        return np.asarray(means - (means @ self._basis * self._shrink) @ self._basis.T)
+        return self._own_part(means)
+
+    def _whitened_presses(self, *rows: Floats) -> Floats:
+        """The same of the indentation's rows of ln F."""
+        o = self.observations
+        weight = o.pressed / o.pressed_sigma if self.pressed_known else 1.0
+        return self._own_part_pressed(np.stack(rows) * weight)
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -215,15 +255,16 @@ class LawLikelihood:
         if not n:
             return np.zeros(len(c_e))
         r = replace(self.observations, force_exponent=q).pressed_residuals(c_e, self.pressed_known)
-        return minus2_of(np.sum(r**2, axis=1), n, self.pressed_known)
+        return minus2_of(np.sum(self._own_part_pressed(r) ** 2, axis=1), n, self.pressed_known)
 
     def pressed_exponent(self) -> tuple[float, float]:
         """q by the indentation alone, and its standard error."""
         o = self.observations
         x, y = np.log(o.pressed_depth / o.pressed_radius), np.log(o.pressed / o.pressed_radius**2)
-        x = x - x.mean()
+        ones, x, y = self._whitened_presses(np.ones(len(x)), x, y)
+        x, y = (z - ones * (ones @ z) / (ones @ ones) for z in (x, y))
         q = float(x @ y / (x @ x))
-        scatter = np.sqrt(np.sum((y - y.mean() - q * x) ** 2) / max(len(y) - 2, 1))
+        scatter = np.sqrt(np.sum((y - q * x) ** 2) / max(len(y) - 2, 1))
         return q, float(max(scatter, MODEL_ERROR) / np.sqrt(x @ x))
 
     def p_of_q(self, law: Law) -> float:
@@ -275,7 +316,7 @@ class LawLikelihood:
                 if self.pressed_known
                 else np.log(o.pressed / predicted)
             )
-            errors.append((of_press, self.pressed_known))
+            errors.append((self._own_part_pressed(of_press), self.pressed_known))
         rows, height = [], 0.0
         for residuals, is_known in errors:
             variance = 1.0 if is_known else float(np.mean(residuals**2)) + MODEL_ERROR**2
@@ -298,7 +339,8 @@ class LawLikelihood:
             return c_e * replace(o, force_exponent=law.force_exponent).pressed_unit, 0
         q = self.pressed_exponent()[0] if self.tells_q else PAPER_FORCE_EXPONENT
         unit = replace(o, force_exponent=q).pressed_unit
-        return unit * np.exp(np.mean(np.log(o.pressed / unit))), 1 + self.tells_q
+        ones, logs = self._whitened_presses(np.ones(len(unit)), np.log(o.pressed / unit))
+        return unit * np.exp(ones @ logs / (ones @ ones)), 1 + self.tells_q
 
     def height(self, r: Floats) -> float:
         """-2 log L of the velocities' residuals."""
@@ -317,7 +359,7 @@ class LawLikelihood:
         Only three parameters are taken from the degrees of freedom, though k and q may take up more.
         """
         o, S = self.observations, min(float(np.nanmin(scan.squares)) for scan in scans)
-        if self._runs or self._basis.size:
+        if self._runs or self._related:
             return None
         text = (
             "No law with F ~ h^q, a rate ~ F^m and f = (1 - x^2)^k fits the velocities, {outcome}: exponents have no interval. "
@@ -411,21 +453,16 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         held = found["q"].grid[found["q"].rise < max(of_pressed.values())]
         qs = np.linspace(held[0], held[-1], 17).tolist()
         by_q = [likelihood.scan(q, shape) for q in found["q"].grid.tolist()]
-    scans: list[Scan] = []
-    others = [f for f in dict.fromkeys([Shape("linear"), shape]) if f != member(f.order)]
-    for f in (None, *others):  # (1 - x^2)^k, the shipped shape that is none, and the law's own
-        of_f = [likelihood.scan(q, f) for q in (qs if likelihood.tells_q else _Q)]
-        for step in () if likelihood.tells_q else _CLOSER:  # about the best q, which several radii tell
-            best = min(of_f, key=lambda scan: scan.heights().min()).q
-            of_f += [likelihood.scan(q, f) for q in (best + step * np.arange(-4, 5)).tolist() if q >= 1]
-        scans += of_f
+    of_shapes = _of_shapes(likelihood, shape, qs if likelihood.tells_q else None)
+    scans = [scan for of_f in of_shapes for scan in of_f]
     best_scan = min(scans, key=lambda scan: scan.heights().min())
     k, c = np.unravel_index(np.argmin(best_scan.heights()), best_scan.squares.shape)
     slope = float(2 * (best_scan.orders[k] + 1) / best_scan.q + best_scan.m[k, c])
     error = float(max(np.sqrt(best_scan.squares[k, c] / likelihood.freedom / best_scan.lever), MODEL_ERROR))
-    found["s"] = _profiled(
+    about_s = _profiled(
         "s", (slope, _SIDE * error), lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits
     )
+    found["s"] = replace(about_s, value=_mean_slope(of_shapes, float(best_scan.heights().min())))
     if likelihood.tells_q:
         m = slope - 2 * (shape.order + 1) / found["q"].value
         widest = {name: max(limits[name], of_pressed[name]) for name in LEVELS}
@@ -445,6 +482,33 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         rise = np.min([scan.heights(law.rate_exponent).min(axis=1) for scan in of_k], axis=0)
         found["k"] = replace(found["k"], if_harder=_exponent("k", _K, rise, {}).value)
     return _told(found, likelihood.lack_of(scans), apart)
+
+
+def _of_shapes(likelihood: LawLikelihood, shape: Shape, qs: Sequence[float] | None) -> list[list[Scan]]:
+    """Scans of (1 - x^2)^k, of the shipped shape that is none and of a law's own, each over q; of all q, or of some."""
+    of_shapes = []
+    for f in (None, *(f for f in dict.fromkeys([Shape("linear"), shape]) if f != member(f.order))):
+        of_f = [likelihood.scan(q, f) for q in qs or _Q]
+        for step in () if qs else _CLOSER:  # about the best q, which several radii tell
+            best = min(of_f, key=lambda scan: scan.heights().min()).q
+            of_f += [likelihood.scan(q, f) for q in (best + step * np.arange(-4, 5)).tolist() if q >= 1]
+        of_shapes.append(sorted(of_f, key=lambda scan: scan.q))
+    return of_shapes
+
+
+def _mean_slope(of_shapes: Sequence[Sequence[Scan]], least: float) -> float:
+    """s = 2 (k + 1)/q + m over laws, each by its likelihood, flat in k, q and the depth at the largest force.
+
+    The likeliest law alone takes scatter for a bend, which lowers the slope: where there is none its s lies high.
+    """
+    total = weighted = 0.0
+    for scans in of_shapes:
+        for scan, step in zip(scans, np.gradient([scan.q for scan in scans]), strict=True):
+            depth = np.append((scan.c_e / scan.c_e[0]) ** (-1 / scan.q), 0.0)
+            weight = np.exp(-(scan.heights() - least) / 2) * step * -np.gradient(depth)[:-1]
+            total += float(weight.sum())
+            weighted += float((weight * (2 * (scan.orders[:, None] + 1) / scan.q + scan.m)).sum())
+    return weighted / total
 
 
 def _apart(likelihood: LawLikelihood, pooled: float) -> HypothesisTest:
@@ -503,6 +567,22 @@ def _with_offsets(
                 delta = alone.best(law).aic - alone.best(best).aic
                 with_offsets[name] = WithOffset(offset, gain, delta - gain)
     return with_offsets
+
+
+def _why_not(
+    likelihood: LawLikelihood, law: Law | None, tests: Sequence[HypothesisTest], level: float
+) -> str:
+    """Why a law is contradicted; empty where it is not."""
+    worst = min(tests, key=lambda test: test.p_value)
+    if worst.p_value * len(tests) >= 1 - level:
+        return ""
+    return worst.sentence + _of_another_scale(likelihood, law, level)
+
+
+def _lack_of_fit(of_law: Fit) -> HypothesisTest | None:
+    """The test that calls a fit poor; None if none does."""
+    goodness = of_law.evidence and of_law.evidence.goodness
+    return goodness.test if goodness and goodness.poor else None
 
 
 def _of_another_scale(likelihood: LawLikelihood, law: Law | None, level: float) -> str:
@@ -604,8 +684,8 @@ def compare_laws(
     groups : sequence of str, optional
         As for `fit`; their variances are those of the best law's fit.
     uncertain : dict, optional
-        Standard deviations of offsets, as for `fit`, of velocities without indentation: rows are linear in them about
-        the best law's fit.
+        Standard deviations of offsets, as for `fit`: rows are linear in them about the best law's fit. One that sets
+        share, by a group, goes with velocities alone, as curve and indentation are judged apart.
     progress : callable or True, optional
         Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
@@ -619,12 +699,12 @@ def compare_laws(
         If data or burr has another type.
     ValueError
         If laws is empty or names one twice or an unknown one, level is not between 0 and 1, sigma is missing, an
-        offset is given with an indentation, or `fit` refuses the data.
+        offset of a group is given with an indentation, or `fit` refuses the data.
 
     Notes
     -----
     Velocities tell s = 2 (k + 1)/q + m, with v ~ F^s at small forces, and hardly more: s is profiled over k, q and
-    c_e. An indentation tells q, and with it m for one f (docs/model.md, "Other laws").
+    c_e, and its value is the mean over these, weighted by the likelihood. An indentation tells q, and with it m for one f (docs/model.md, "Other laws").
 
     References
     ----------
@@ -649,8 +729,8 @@ def compare_laws(
     options: dict[str, Any] = {"residuals": residuals, "groups": groups, "uncertain": uncertain}
     first = _first_fit(data, burr, named, options)
     refuse(
-        bool(uncertain) and len(first.observations.pressed) > 0,
-        "uncertain offsets go with velocities alone: leave out the indentation",
+        len(first.observations.pressed) > 0 and any(isinstance(x, tuple) for x in (uncertain or {}).values()),
+        "an uncertain offset of a group goes with velocities alone: leave out the indentation, or give each data set one",
     )
     fits = {
         name: fit(data, burr, law=law, **options)
@@ -659,11 +739,8 @@ def compare_laws(
     }
     # the best law's
     effects = min(fits.values(), key=lambda x: x.aic) if fits else None
-    likelihood = LawLikelihood(
-        replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0),
-        residuals == "sigma",
-        effects,
-    )
+    observations = replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0)
+    likelihood = LawLikelihood(_at_offsets(observations, effects), residuals == "sigma", effects)
     report_progress(0, steps)
     points, tests = {}, {}
     for name, law in named.items():
@@ -671,19 +748,15 @@ def compare_laws(
         tests[name] = _tests(likelihood, law, points[name].height)
         # the first law's tests scan for all
         report_progress(len(named) - 1 + len(points), steps)
-    contradicted = {}  # law -> why; empty where it is not
+    contradicted = {}
     for name, law in named.items():
-        worst = min(tests[name], key=lambda test: test.p_value)
-        contradicted[name] = ""
-        if worst.p_value * len(tests[name]) < 1 - level:
-            contradicted[name] = worst.sentence + _of_another_scale(likelihood, law, level)
+        contradicted[name] = _why_not(likelihood, law, tests[name], level)
         if law is not None and not contradicted[name]:
             fits[name] = fits.get(name) or fit(data, burr, law=law, **options)
-            evidence = fits[name].evidence
-            goodness = None if evidence is None else evidence.goodness
-            if goodness is not None and goodness.poor and goodness.test is not None:
-                tests[name] = (*tests[name], goodness.test)
-                contradicted[name] = goodness.test.sentence
+            lack = _lack_of_fit(fits[name])
+            if lack is not None:
+                tests[name] = (*tests[name], lack)
+                contradicted[name] = lack.sentence
         report_progress(2 * len(named) - 1 + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)

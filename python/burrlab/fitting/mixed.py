@@ -987,10 +987,11 @@ def _offset_sentences(
                 )
         elif x.interval is None:
             wider = _widening(likelihood.equations, k, np.array([-identified.exponent, 1.0]))
-            sentences.append(
-                f"That the {x.quantity} may be off by {x.deviation:.3g}{unit} makes the interval of "
-                f"alpha/c_e^{identified.exponent:.3g} {wider:.2g} times as wide."
+            of_what = f"the interval of alpha/c_e^{identified.exponent:.3g}"
+            does = (
+                f"makes {of_what} {wider:.2g} times as wide" if wider >= 1.05 else f"hardly widens {of_what}"
             )
+            sentences.append(f"That the {x.quantity} may be off by {x.deviation:.3g}{unit} {does}.")
     return sentences
 
 

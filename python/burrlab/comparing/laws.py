@@ -36,10 +36,11 @@ from burrlab.measured.curve import Indentation
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, PER_SECOND, Law, MasterCurve
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
+_NEAR_PRESTON = Law("constant", 2.0)
 PRESTON = "preston"  #: v = K F, without constants of the bone
 LAWS: Mapping[str, Law | None] = {
     "paper": Law(), **{name: Law(Shape(name)) for name in shape_names if name != "parabolic"},
-    "kobra": Law("parabolic", 2.0, 1.0), "preston-bone": Law("constant", 2.0), PRESTON: None,
+    "kobra": Law("parabolic", 2.0, 1.0), "preston-bone": _NEAR_PRESTON, PRESTON: None,
 }  # fmt: skip
 _K = np.linspace(0.0, 3.0, 25)  # k of the family that is walked over
 _Q = (*np.linspace(1.0, 2.5, 13).tolist(), 3.0)  # q, where no indentation tells it
@@ -106,14 +107,16 @@ def _at_offsets(o: Observations, effects: Fit | None) -> Observations:
             shifts[block] = mixed.shifts[block]
             u = np.append(shifts[block], 0.0)  # a level of -1 has none
             o = o.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])
-    velocity, pressed = o.velocity.copy(), o.pressed.copy()
+    log_ratio, pressed = np.zeros(len(o.force)), o.pressed
     for rows, columns in zip(mixed.linear.rows, mixed.linear.columns, strict=True):
-        back, measured, sigma = (
-            -columns[:, :-3] @ shifts,
-            *{"velocity": (velocity, o.sigma), "force": (pressed, o.pressed_sigma)}[rows.name],
-        )
-        measured[rows.at] += sigma * back if rows.known else measured[rows.at] * np.expm1(back)
-    return replace(o, velocity=velocity, pressed=pressed)
+        back = -columns[:, :-3] @ shifts
+        if rows.name == "velocity":
+            log_ratio[rows.at] = back * np.where(rows.known, o.sigma / o.velocity, 1.0)[rows.at]
+        if rows.name == "force":
+            pressed = pressed + o.pressed_sigma * back if rows.known else pressed * np.exp(back)
+    for run in runs_of(o)[1]:  # its first row has that of all
+        log_ratio[run] = log_ratio[run[0]]
+    return replace(o, velocity=o.velocity * np.exp(log_ratio), pressed=pressed)
 
 
 def _own_part(columns: Floats) -> Callable[[Floats], Floats]:
@@ -178,7 +181,8 @@ class LawLikelihood:
         )
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
-        levels = {x.group.name: len(x.group.levels) - 1 for x in (mixed.components if mixed else ())}
+        estimated = [x.group for x in (mixed.components if mixed else ()) if x.deviation is None]
+        levels = {group.name: len(group.levels) - 1 for group in estimated}
         self.freedom = max(self.n - 3 - sum(levels.values()), 1)
         self.pressed_known = known and bool(np.isfinite(o.pressed_sigma).all())
 
@@ -462,7 +466,11 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
     about_s = _profiled(
         "s", (slope, _SIDE * error), lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits
     )
-    found["s"] = replace(about_s, value=_mean_slope(of_shapes, float(best_scan.heights().min())))
+    low, high = (
+        np.nan if x is None else x for x in (about_s.intervals["95"].lower, about_s.intervals["95"].upper)
+    )
+    mean = _mean_slope(of_shapes, float(best_scan.heights().min()))
+    found["s"] = replace(about_s, value=float(np.fmin(np.fmax(mean, low), high)))
     if likelihood.tells_q:
         m = slope - 2 * (shape.order + 1) / found["q"].value
         widest = {name: max(limits[name], of_pressed[name]) for name in LEVELS}
@@ -727,16 +735,14 @@ def compare_laws(
     )
     report_progress, steps = counter(progress, "laws"), 3 * len(named) - 1
     options: dict[str, Any] = {"residuals": residuals, "groups": groups, "uncertain": uncertain}
-    first = _first_fit(data, burr, named, options)
+    of_bone = {name: law for name, law in named.items() if law} or {"preston-bone": _NEAR_PRESTON}
+    first = _first_fit(data, burr, of_bone.values(), options)
     refuse(
         len(first.observations.pressed) > 0 and any(isinstance(x, tuple) for x in (uncertain or {}).values()),
         "an uncertain offset of a group goes with velocities alone: leave out the indentation, or give each data set one",
     )
-    fits = {
-        name: fit(data, burr, law=law, **options)
-        for name, law in named.items()
-        if law and isinstance(first.likelihood, MixedLikelihood)
-    }
+    with_effects = isinstance(first.likelihood, MixedLikelihood)
+    fits = {name: fit(data, burr, law=law, **options) for name, law in of_bone.items() if with_effects}
     # the best law's
     effects = min(fits.values(), key=lambda x: x.aic) if fits else None
     observations = replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0)
@@ -781,15 +787,15 @@ def compare_laws(
 def _first_fit(
     data: Data | Sequence[Data],
     burr: Burr | None,
-    named: Mapping[str, Law | None],
+    laws: Iterable[Law],
     options: Mapping[str, Any],
 ) -> Fit:
     """A fit by the first law whose bounds of c_e the data leave some room; the error of the last if none do."""
-    laws = [law for law in named.values() if law] or [Law()]
-    for law in laws[:-1]:
+    *others, last = laws
+    for law in others:
         with contextlib.suppress(ValueError):
             return fit(data, burr, law=law, **options)
-    return fit(data, burr, law=laws[-1], **options)
+    return fit(data, burr, law=last, **options)
 
 
 def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:

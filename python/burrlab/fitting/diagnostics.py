@@ -159,7 +159,8 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     o = likelihood.corrected
     q = o.force_exponent
     law = "Eq. 3" if q == PAPER_FORCE_EXPONENT else f"F ~ h^{q:.4g}"
-    x, log = np.log(o.pressed_unit), np.log(o.pressed / o.pressed_unit)
+    with np.errstate(invalid="ignore"):  # of an offset larger than a force
+        x, log = np.log(o.pressed_unit), np.log(o.pressed / o.pressed_unit)
     constant, y = (
         (o.pressed_unit / o.pressed_sigma, o.pressed / o.pressed_sigma)
         if likelihood.pressed_known

@@ -229,8 +229,8 @@ class Observations:
     @property
     def pressed_unit(self) -> Floats:
         """R^2 (h/R)^q [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3: q = 3/2)."""
-        R = self.pressed_radius
-        return np.asarray(R**2 * (self.pressed_depth / R) ** self.force_exponent)
+        R, depth = self.pressed_radius, np.where(self.pressed_depth > 0, self.pressed_depth, np.nan)
+        return np.asarray(R**2 * (depth / R) ** self.force_exponent)
 
     def pressed_residuals(self, c_e: ArrayLike, known: bool, own: Floats | float = 0.0) -> Floats:
         """Residuals of the pressed rows: in log force, or over sigma if that is known; last axis: rows.

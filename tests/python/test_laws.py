@@ -205,7 +205,7 @@ class TestAnswers:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"laws": []}, "one law or more"), ({"laws": ["paper", "paper"]}, "'paper' twice"),
+            ({"laws": []}, "one law or more"), ({"laws": ["paper", Law()]}, "'parabolic' twice"),
             ({"laws": ["papr"]}, "got 'papr'; did you mean 'paper'"), ({"level": 1.0}, "level must be between 0 and 1"),
             ({"residuals": "absolute"}, "residuals must be 'relative' or 'sigma'"), ({"residuals": "sigma"}, "sigma"),
             ({"uncertain": {"force": (0.04, "data set")}}, "of a group goes with velocities alone"),

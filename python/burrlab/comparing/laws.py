@@ -813,8 +813,9 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
             isinstance(law, str) and name not in LAWS,
             f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}",
         )
-        refuse(name in named, f"laws must be given once each: got {name!r} twice")
-        named[name] = LAWS[law] if isinstance(law, str) else law
+        named_law = LAWS[law] if isinstance(law, str) else law
+        refuse(named_law in named.values(), f"laws must be given once each: got {name!r} twice")
+        named[name] = named_law
     refuse(not named, "laws must hold one law or more: got none")
     return named
 

@@ -64,7 +64,7 @@ _STEPS, _NEAR = 20, 1e-4  # of Gauss-Newton for c_e of specimens, at most; the c
 _PATH = 40  # places of c_e of all, at which that of specimens is found first
 _SPAN = 5e-3  # of ln c_e, over half of which rows of specimens are differenced
 _PLACES = 400  # of c_e, among which the best fit to curves with free days is sought
-_FARTHEST = 0.95  # of the least force, by which all may be less
+_FARTHEST = 0.95  # of the least force, or depth of a press, by which all may be less
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _NO_LAW = 1.0  # variance between groups from which on the law is not that of the data (ours)
 _FAR = 0.05  # of ln c_e, from where rows are linear to the fit
@@ -99,8 +99,8 @@ def at_best_variances(
         effects = there.effects_given(slices.c_e[[lowest]], np.log([[place[1]]]), every)[0][0, 0]
         for component, block in zip(components, blocks, strict=True):
             if component.quantity in OFFSETS:
-                _, low, high = _reach(likelihood.observations, component)
-                shifts[block] = np.clip(effects[block], low, high)
+                _, least, most = _reach(likelihood.observations, component)
+                shifts[block] = np.clip(effects[block], least, most)
         moved = moved_by(likelihood, components, shifts)
         # the best offset may have moved the bound
         low = float(moved.observations.c_e_bounds().max()) * (1 + EDGE)
@@ -120,15 +120,24 @@ def at_best_variances(
     return mixed, point
 
 
-def _reach(o: Observations, component: Component) -> tuple[float, float, float]:
-    """Step and ends of an offset, so that windows stay between 0 and R."""
-    forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
+def _reach(o: Observations, component: Component) -> tuple[Floats, Floats, float]:
+    """Step and lower end of each level's offset, and the upper end: windows stay between 0 and R, presses in the bone."""
+    group, levels = component.group, range(len(component.group.levels))
+
+    def least(velocity: Floats, pressed: Floats) -> Floats:
+        rows = np.append(velocity, pressed), np.append(group.velocity, group.pressed)
+        return np.array([rows[0][rows[1] == k].min(initial=np.inf) for k in levels])
+
     room, step = 0.5 * np.min(o.radius - o.window[0]), STEP * float(o.radius.max())
+    forces, depths = least(o.force, o.pressed), least(o.radius / 6, _FARTHEST * o.pressed_depth)
+    steps = np.where(
+        np.isin(levels, group.velocity), step, STEP * depths
+    )  # of presses alone no window comes again
     reach = {
-        "force": (STEP * forces.min(), -_FARTHEST * forces.min(), np.inf),
-        "surface": (step, -0.5 * depths.min(), room),
-        "radius": (step, -room, np.inf),
-        "c_e": (EDGE, -np.inf, _MILLION),
+        "force": (STEP * forces, -_FARTHEST * forces, np.inf),
+        "surface": (steps, -depths, room),
+        "radius": (np.full(len(forces), step), np.full(len(forces), -room), np.inf),
+        "c_e": (np.full(len(forces), EDGE), np.full(len(forces), -np.inf), _MILLION),
     }
     return reach[component.quantity]
 

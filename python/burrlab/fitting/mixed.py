@@ -130,9 +130,7 @@ def _reach(o: Observations, component: Component) -> tuple[Floats, Floats, float
 
     room, step = 0.5 * np.min(o.radius - o.window[0]), STEP * float(o.radius.max())
     forces, depths = least(o.force, o.pressed), least(o.radius / 6, _FARTHEST * o.pressed_depth)
-    steps = np.where(
-        np.isin(levels, group.velocity), step, STEP * depths
-    )  # of presses alone no window comes again
+    steps = np.minimum(step, STEP * least(np.full(len(o.radius), np.inf), o.pressed_depth))
     reach = {
         "force": (STEP * forces, -_FARTHEST * forces, np.inf),
         "surface": (steps, -depths, room),

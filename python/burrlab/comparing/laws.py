@@ -27,7 +27,7 @@ from burrlab.comparing.law_comparison import (
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, against_repeats, concluded
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, runs_of
-from burrlab.fitting.linear import OFFSETS, Uncertain
+from burrlab.fitting.linear import OFFSETS, Uncertain, moved_rows
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Interval
@@ -101,12 +101,10 @@ def _at_offsets(o: Observations, effects: Fit | None) -> Observations:
     mixed = effects and effects.likelihood
     if not isinstance(mixed, MixedLikelihood):
         return o
-    shifts = np.zeros(len(mixed.shifts))
+    shifts = mixed.shifts.copy()
     for x, block in zip(mixed.components, mixed.linear.blocks, strict=True):
-        if x.quantity in OFFSETS:
-            shifts[block] = mixed.shifts[block]
-            u = np.append(shifts[block], 0.0)  # a level of -1 has none
-            o = o.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])
+        shifts[block] *= x.quantity in OFFSETS
+    o = moved_rows(o, mixed.components, shifts)
     log_ratio, pressed = np.zeros(len(o.force)), o.pressed
     for rows, columns in zip(mixed.linear.rows, mixed.linear.columns, strict=True):
         back = -columns[:, :-3] @ shifts
@@ -119,7 +117,7 @@ def _at_offsets(o: Observations, effects: Fit | None) -> Observations:
     return replace(o, velocity=o.velocity * np.exp(log_ratio), pressed=pressed)
 
 
-def _own_part(columns: Floats) -> Callable[[Floats], Floats]:
+def _whitener(columns: Floats) -> Callable[[Floats], Floats]:
     """What makes rows that share effects independent, of the scatter that is each row's own. Last axis: rows.
 
     The effects are normal, with standard deviations that are those of the columns over that scatter.
@@ -168,8 +166,8 @@ class LawLikelihood:
             ):
                 columns[x.name] = Z[:, :-3] * np.sqrt(mixed.equations.variance[:-2] / scatter2)
         self._related = mixed is not None
-        self._own_part = _own_part(columns["velocity"][: self.n])
-        self._own_part_pressed = _own_part(columns["force"])
+        self._whiten = _whitener(columns["velocity"][: self.n])
+        self._whiten_pressed = _whitener(columns["force"])
         self.log_velocity = self.whitened(np.log(o.velocity))
         self.ones, self.log_force = self.whitened(np.ones(len(o.force))), self.whitened(np.log(o.force))
         self._level = self.ones / np.linalg.norm(self.ones)
@@ -189,13 +187,13 @@ class LawLikelihood:
     def whitened(self, rows: Floats) -> Floats:
         """The runs' means, made independent and of one scatter. Last axis: rows, then runs."""
         means = means_of_runs(rows, self._single, self._runs) * self._weight
-        return self._own_part(means)
+        return self._whiten(means)
 
     def _whitened_presses(self, *rows: Floats) -> Floats:
         """The same of the indentation's rows of ln F."""
         o = self.observations
         weight = o.pressed / o.pressed_sigma if self.pressed_known else 1.0
-        return self._own_part_pressed(np.stack(rows) * weight)
+        return self._whiten_pressed(np.stack(rows) * weight)
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -259,7 +257,7 @@ class LawLikelihood:
         if not n:
             return np.zeros(len(c_e))
         r = replace(self.observations, force_exponent=q).pressed_residuals(c_e, self.pressed_known)
-        return minus2_of(np.sum(self._own_part_pressed(r) ** 2, axis=1), n, self.pressed_known)
+        return minus2_of(np.sum(self._whiten_pressed(r) ** 2, axis=1), n, self.pressed_known)
 
     def pressed_exponent(self) -> tuple[float, float]:
         """q by the indentation alone, and its standard error."""
@@ -320,7 +318,7 @@ class LawLikelihood:
                 if self.pressed_known
                 else np.log(o.pressed / predicted)
             )
-            errors.append((self._own_part_pressed(of_press), self.pressed_known))
+            errors.append((self._whiten_pressed(of_press), self.pressed_known))
         rows, height = [], 0.0
         for residuals, is_known in errors:
             variance = 1.0 if is_known else float(np.mean(residuals**2)) + MODEL_ERROR**2

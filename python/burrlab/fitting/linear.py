@@ -189,13 +189,18 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
         )
 
 
-def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
-    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level."""
-    o = likelihood.observations
+def moved_rows(o: Observations, components: Sequence[Component], shifts: Floats) -> Observations:
+    """The rows as they would be with some offsets; `shifts` has a number for each level."""
     for component, block in zip(components, blocks_of(components), strict=True):
         u = np.append(shifts[block], 0.0)  # a level of -1 has none
         if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
+    return o
+
+
+def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
+    """The likelihood of the rows that `moved_rows` gives."""
+    o = moved_rows(likelihood.observations, components, shifts)
     return likelihood if o is likelihood.observations else likelihood.of_rows(o)
 
 

@@ -355,10 +355,10 @@ MANY = Counts("same-different", hits=1500, signals=2000, false_alarms=900, noise
          "correction must be one of none, log-linear, got 'some'"),
         (lambda: d_prime(MANY, rule=DIFFERENCING),
          "at most 4000000 possible outcomes for method 'exact', got 4004001"),
-        (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=0.0), "level must be above 0 and below 1, got 0.0"),
+        (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=0.0), "level must be in [0.5, 1), got 0.0"),
         (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=math.nan),
-         "level must be above 0 and below 1, got nan"),
-        (lambda: score_interval(COUNTS, 1.0), "level must be above 0 and below 1, got 1.0"),
+         "level must be in [0.5, 1), got nan"),
+        (lambda: score_interval(COUNTS, 1.0), "level must be in [0.5, 1), got 1.0"),
     ],
 )  # fmt: skip
 def test_refusals(ask, sentence):

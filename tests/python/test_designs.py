@@ -592,7 +592,7 @@ def wrong(kind, **change):
         (ValueError, lambda: staircase(trials=2).threshold([2.0, 2.0, 2.0], [True, False, True]), r"got 2 in trial 3 where it has an end"),
         (ValueError, lambda: staircase().threshold([2.0, 2.0], [True]), r"levels and correct must be equally many, got 2 and 1"),
         (ValueError, lambda: adaptive().threshold([2.001], [True]), r"levels must be between 1.02 and 2, got 2.001"),
-        (ValueError, lambda: adaptive().threshold([1.1], [True], level=95), r"level must be between 0 and 1, got 95"),
+        (ValueError, lambda: adaptive().threshold([1.1], [True], level=95), r"level must be in \[0.5, 1\), got 95"),
         (ValueError, lambda: adaptive().threshold([1.1, 0.9], [True, True]), r"levels must be between 1.02 and 2, got 0.9"),
         (ValueError, wrong(SameDifferent, a=Stimulus("real bone")), r"a must have a material to be rendered, got the real specimen 'real bone'"),
         (ValueError, wrong(SameDifferent, b=Stimulus("real bone")), r"b must have a material to be rendered"),

@@ -154,7 +154,7 @@ def test_psignifit_is_imported_when_asked_for_only():
         ({"correct": [0] * 5, "trials": [0] * 5}, r"correct must be from 0 to trials, at least 1, got 0 of 0"),
         ({"parameter": "force"}, r"parameter must be one of c_e, alpha, got 'force'"),
         ({"reference": 0.0}, r"reference must be above 0, got 0.0"),
-        ({"level": 95}, r"level must be between 0 and 1, got 95"),
+        ({"level": 95}, r"level must be in \[0.5, 1\), got 95"),
         ({"correct": [21.5, 24, 30, 37, 40]}, "float"),
     ],
 )  # fmt: skip

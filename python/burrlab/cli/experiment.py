@@ -28,12 +28,13 @@ from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse, write_rows
 from burrlab.psychophysics.answers import read_folder, trial_rows
 from burrlab.psychophysics.designs import MODES, has_boundary
-from burrlab.psychophysics.observer import SimulatedSubject
+from burrlab.psychophysics.observer import CUES_OF, SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
 from burrlab.psychophysics.psychometric import PsychometricFit
-from burrlab.psychophysics.rehearsal import SimulatedSeat, default_subject
+from burrlab.psychophysics.rehearsal import SimulatedSeat
 from burrlab.psychophysics.run import DeviceLost, Seat, Sitting, TerminalSeat
 from burrlab.psychophysics.task_results import ScoredTask, ThresholdTask
+from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 
 def do_new(options: Options) -> None:
@@ -215,8 +216,15 @@ def _sit_down(stack: contextlib.ExitStack, sitting: Sitting) -> int:
 
 
 def _simulated_subject(options: Options, mode: Any, *, boundary: bool = False) -> SimulatedSubject:
-    given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
-    return default_subject(mode, boundary=boundary, **given)
+    """A subject who feels stiffness in probing; in drilling sinking speed, or its change with a boundary.
+
+    For speeds and their changes no fraction is published.
+    """
+    return SimulatedSubject(
+        options.weber or COMPLIANCE_WITHOUT_SURFACE,
+        [CUES_OF[mode][boundary]],
+        options.decision or "differencing",
+    )
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:

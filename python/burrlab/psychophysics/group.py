@@ -26,6 +26,7 @@ from burrlab.psychophysics.rules import (
     Rule,
     RuleName,
     TaskName,
+    check_level,
     halving,
     rule_of,
 )
@@ -510,10 +511,6 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
         informative=group.informative,
         p_value=group.tails(0.0)[1],
     )
-
-
-def check_level(level: float) -> None:
-    refuse(not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level}")
 
 
 def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: float) -> float:

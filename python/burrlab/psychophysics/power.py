@@ -14,11 +14,7 @@ from scipy.special import stdtr
 
 from burrlab.common.check import refuse
 from burrlab.common.table import probability_text
-from burrlab.psychophysics.group import (
-    GRID,
-    GroupAnswers,
-    check_level,
-)
+from burrlab.psychophysics.group import GRID, GroupAnswers
 from burrlab.psychophysics.rules import (
     BELOW_CHANCE,
     RULES,
@@ -27,6 +23,7 @@ from burrlab.psychophysics.rules import (
     Rule,
     RuleName,
     TaskName,
+    check_level,
     halving,
     rule_of,
 )
@@ -179,7 +176,14 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     # The least favourable d' >= Delta: the p value falls with d', except for the scatter in t.
     p_value = max(group.tails(d)[0] for d in (delta, *(d for d in GRID if d > delta)))
     sizes = [c.trials for c in counts]
-    power, decidable = equivalence_power(guessed(group), delta, error)
+    # the power of subjects with d' = 0 and these numbers of answers
+    rng = np.random.default_rng(SEED)
+    hits = [
+        rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else
+        np.full(EXPERIMENTS, answers * (signals > 0))
+        for (signals, noises), answers in zip(group.sizes, group.answers[0], strict=True)
+    ]  # fmt: skip
+    power, decidable = equivalence_power(replace(group, hits=np.stack(hits, axis=1)), delta, error)
     return Equivalence(
         task=group.decision.task,
         rule=group.decision.name,
@@ -195,17 +199,6 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
         power=power,
         decidable_delta=decidable,
     )
-
-
-def guessed(group: GroupAnswers) -> GroupAnswers:
-    """Simulated experiments of subjects with d' = 0 and these numbers of answers."""
-    rng = np.random.default_rng(SEED)
-    columns = [
-        rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else
-        np.full(EXPERIMENTS, hits)
-        for (signals, noises), answers, hits in zip(group.sizes, group.answers[0], group.hits[0], strict=True)
-    ]  # fmt: skip
-    return replace(group, hits=np.stack(columns, axis=1))
 
 
 def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> GroupAnswers:

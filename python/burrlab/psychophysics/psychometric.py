@@ -20,7 +20,7 @@ from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, axes_or_
 from burrlab.common.provenance import provenance
 from burrlab.common.table import probability_text
 from burrlab.psychophysics.designs import UNITS, checked_level
-from burrlab.psychophysics.rules import BELOW_CHANCE, Floats, one_of
+from burrlab.psychophysics.rules import BELOW_CHANCE, Floats, check_level, one_of
 
 _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
@@ -418,7 +418,7 @@ def psychometric_function(
         reference is not None and not (math.isfinite(reference) and reference > 0.0),
         f"reference must be above 0, got {reference}",
     )
-    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+    check_level(level)
 
     data = np.array([(math.log(math.log(ratio)), right, number) for ratio, right, number in pooled])
     psignifit_fit, at_bounds = _fit(data, level)

@@ -26,7 +26,6 @@ from burrlab.psychophysics.observer import (
     CUES_OF,
     CueName,
     Cues,
-    Decision,
     SimulatedSubject,
     closed_form_cues,
     interval_cues,
@@ -36,7 +35,6 @@ from burrlab.psychophysics.power import DesignPower, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
 from burrlab.psychophysics.rules import LAPSE, Counts, TaskName, counts_of, one_of
 from burrlab.psychophysics.run import Seat
-from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one
 SELF_PACED = 10.0  # length of a simulated interval that the subject would end [s]; ours
@@ -325,16 +323,6 @@ def predicted_d_prime(
             task, trials=trials, subjects=subjects, rules=(subject.rule,), d_primes=(taught.d_prime,), lapse=subject.lapse
         ),
     )  # fmt: skip
-
-
-def default_subject(
-    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing", boundary: bool = False
-) -> SimulatedSubject:  # fmt: skip
-    """A subject who feels stiffness in probing; in drilling sinking speed, or its change with a boundary.
-
-    For speeds and their changes no fraction is published.
-    """
-    return SimulatedSubject(weber=weber, cues=[CUES_OF[mode][boundary]], decision=decision)
 
 
 class SimulatedSeat(Seat):

@@ -60,6 +60,11 @@ def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str =
     return number
 
 
+def check_level(level: float) -> None:
+    """ValueError unless it is the level of an interval."""
+    refuse(not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level}")
+
+
 def halving(
     holds: Callable[[Any], Any], inside: Floats | float, outside: Floats | float, times: int
 ) -> tuple[Any, Any]:

@@ -18,6 +18,7 @@ from burrlab.psychophysics.rules import (
     Rule,
     RuleName,
     TaskName,
+    check_level,
     halving,
     one_of,
     rule_of,
@@ -339,7 +340,7 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level is not in (0, 1), or "exact" is given for more than
+        If the rule, method or correction is unknown, the level is not in [0.5, 1), or "exact" is given for more than
         4 million possible outcomes (2000 trials of each kind).
 
     Notes
@@ -390,7 +391,7 @@ def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If the level is not in (0, 1).
+        If the level is not in [0.5, 1).
 
     Examples
     --------
@@ -415,10 +416,6 @@ def binomial_test(counts: Counts) -> float:
     0.0107
     """
     return float(scipy.stats.binomtest(counts.score, counts.trials, 0.5, alternative="greater").pvalue)
-
-
-def check_level(level: float) -> None:
-    refuse(not 0.0 < level < 1.0, f"level must be above 0 and below 1, got {level}")
 
 
 _SAME_DIFFERENT = (

@@ -34,7 +34,7 @@ from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
 )
-from burrlab.psychophysics.rules import LAPSE, rule_of, whole
+from burrlab.psychophysics.rules import LAPSE, check_level, rule_of, whole
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -562,11 +562,11 @@ class AdaptiveStaircase(Staircased):
         ------
         ValueError
             If `levels` and `correct` differ in number, a level is not between this staircase's two, or
-            `level` is not between 0 and 1.
+            `level` is not in [0.5, 1).
         """
         near, far = (abs(math.log(end)) for end in self.levels)
         side, posterior = math.copysign(1.0, math.log(self.levels[1])), ThresholdPosterior(near, far)
-        refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+        check_level(level)
         for ratio, right in zip(*checked_answers(levels, correct), strict=True):
             refuse(
                 not near * (1 - 1e-6) <= math.log(ratio) * side <= far * (1 + 1e-6),

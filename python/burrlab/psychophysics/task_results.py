@@ -26,7 +26,6 @@ from burrlab.psychophysics.group import (
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.psychometric import (
     Level,
-    PosteriorThreshold,
     PsychometricFit,
     psychometric_function,
     summed,
@@ -45,6 +44,7 @@ from burrlab.psychophysics.staircase import (
     ConstantStimuli,
     Staircased,
     StaircaseThreshold,
+    Threshold,
     design_of_dict,
 )
 
@@ -600,8 +600,6 @@ def _has_types(counts: Counts) -> bool:
 _CLIPPED = 0.01  # share of an interval's ticks in contact
 _FARTHEST = math.log(1e6)  # of a group's interval, as of a level
 
-Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
-
 
 @dataclass(frozen=True)
 class SubjectThreshold(OneSubject):
@@ -637,7 +635,7 @@ class SubjectThreshold(OneSubject):
     threshold: float | None
     interval: tuple[float, float] | None
     said: str
-    estimate: Estimate | None
+    estimate: Threshold | PsychometricFit | None
     day: str = ""
     catch: tuple[float, int, int] | None = None
     clipped: tuple[tuple[float, int, int], ...] = ()
@@ -806,7 +804,9 @@ def _beside(answers: Answers | None) -> dict[str, Any]:
     }
 
 
-def _estimate(subject: SubjectData, design: TaskDesign | None, level: float) -> tuple[Estimate | None, str]:
+def _estimate(
+    subject: SubjectData, design: TaskDesign | None, level: float
+) -> tuple[Threshold | PsychometricFit | None, str]:
     """The estimate of a subject's threshold and its text, or None and the reason."""
     if isinstance(design, Staircased):
         rows = [row for row in subject.answers.main if row.level is not None] if subject.answers else []

@@ -22,9 +22,8 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.table import Tabular, p_text
 from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS
-from burrlab.psychophysics.group import check_level
 from burrlab.psychophysics.psychometric import ThresholdPosterior
-from burrlab.psychophysics.rules import Floats
+from burrlab.psychophysics.rules import Floats, check_level
 
 #: Force. Pang, Tan, Durlach, *Manual discrimination of force using active finger motion*, Perception &
 #: Psychophysics 49, 1991. Abstract read: roughly 7 % of the reference, 2.5 to 10 N, one-interval paradigm
@@ -141,7 +140,7 @@ class WeberFraction:
             half, lower = np.interp([0.5, special.ndtr(-1.0)], likely[rise] / likely.max(), at[rise])
             bound = float(half), float(half - lower)
         return cls(
-            subject, reference, fraction, math.log(far / near) / (2.0 * _Z), session,
+            subject, reference, fraction, math.log(far / near) / (2.0 * special.ndtri(0.975)), session,
             threshold.open_below or threshold.open_above, force, bound,
         )  # fmt: skip
 
@@ -153,9 +152,6 @@ class WeberFraction:
         mills = math.exp(-0.5 * z**2 - float(special.log_ndtr(z))) / math.sqrt(2.0 * math.pi)
         error = min(abs(self.bound[1]) / math.sqrt(max(mills * (z + mills), _LEAST)), _NOTHING)
         return ln_w + mills * error**2 / self.bound[1], error
-
-
-_Z = 1.959963984540054  # of a 95 % interval
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ def test_incomplete_runs_are_listed(tmp_path):
     few = "03 (none of the main trials)"
     for incomplete, subjects, left_out, told in (
         (False, ["01"], ("02 (7 of 12 trials)", few),
-         f"left out, as their runs are incomplete: 02 (7 of 12 trials), {few}"),
+         f"left out, as trials are missing: 02 (7 of 12 trials), {few}"),
         (True, ["01", "02"], (few,), "incomplete, and taken in on request: 02 (7 of 12 trials)"),
     ):  # fmt: skip
         analysis = analyse(made, incomplete=incomplete)

@@ -275,7 +275,10 @@ def _beside(name, **said):
             "a simulated subject is among others: .*sub-02",
         ),
         (
-            lambda path: begun(path.parents[3], count=3, subject="02", text=SMALL.replace("trials = 8", "trials = 4")),
+            lambda path: begun(
+                path.parents[3], count=3, subject="02",
+                text=SMALL.replace("trials = 8", "trials = 4").replace("seed = 7", 'seed = 7\nfolder = "other"'),
+            )[1].parents[1].rename(path.parents[2] / "sub-02"),
             r"was another one in .*sub-01.*: tasks.probing.trials was 8, is now 4",
         ),
         (lambda path: path.unlink(), "there is no file of answers"),
@@ -297,6 +300,8 @@ def test_a_run_replayed(tmp_path):
          r"x, line 2, column (trial_type|seed_1): .* made with another seed or protocol"),
         (lambda: replay("x", [*rows, (6, rows[-1][1])], one.order("01", "match")),
          "x, line 6: the run has no trial left that this could answer"),
+        (lambda: begun(tmp_path, "match", 1, "02", SMALL.replace("seed = 7", "seed = 8")),
+         "test.toml: others had another task match: experiment.seed was 7, is now 8"),
     )  # fmt: skip
 
 
@@ -348,7 +353,7 @@ def test_rows_survive_the_file(data):
     [
         ("probing", 1, ("AB", "BA"), "BA has 'pvc' there, got 'bone'"),
         ("match", 2, ("AB", "BA"), "BA has 'pvc' there, got 'bone'"),
-        ("up", 2, ("RC", "CR"), "CR has 'bone' there, got 'bone c_e x"),
+        ("up", 1, ("RC", "CR"), "CR has 'bone c_e x1.41421' there, got 'bone'"),
     ],
 )
 def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place, kinds, sentence):
@@ -366,13 +371,18 @@ def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place, kinds, sente
     refused((lambda: read_answers(path), f"line {line + 1}, column stimulus_{place}: {sentence}"))
 
 
-@pytest.mark.parametrize("level", ["1.0", "n/a"])
+@pytest.mark.parametrize("level", ["1.0", "n/a", "1.3"])
 def test_a_level_that_the_design_cannot_have(tmp_path, level):
     _, path = begun(tmp_path, "up", count=3)
     rows = [row.split("\t") for row in path.read_text().splitlines()]
     rows[2][rows[0].index("level")] = level
     path.write_text("".join("\t".join(row) + "\n" for row in rows))
-    refused((lambda: read_answers(path), "line 3, column level: must be one of the design's"))
+    refused(
+        (
+            lambda: read_answers(path),
+            "line 3, column (level: must be one of the design's|stimulus_[12]: .* has 'bone c_e x1.3' there)",
+        )
+    )
 
 
 def test_a_run_killed_while_its_files_were_made_stops_no_analysis(tmp_path):

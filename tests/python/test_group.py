@@ -159,7 +159,13 @@ def test_who_gives_one_answer_counts_for_nothing():
         ([(0, 0), (6, 6)], math.nan, (0.0, 0.0), math.inf, "no subject gave both answers"),
         # equal scores do not prove an infinite d'
         ([(6, 0)] * 12, math.inf, (3.0, 6.0), math.inf, "to open"),
-        ([(1, 5), (0, 5), (1, 4), (2, 5)], 0.0, (0.0, 0.0), 0.0, "interval 0.00 to 0.00"),
+        (
+            [(1, 5), (0, 5), (1, 4), (2, 5)],
+            0.0,
+            (0.0, 0.0),
+            0.0,
+            "interval 0.00 to 0.00, 4 of 4 subjects informative; scores are below chance",
+        ),
     ],
     ids=["nobody informative", "perfect", "below chance"],
 )

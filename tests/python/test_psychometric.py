@@ -155,7 +155,7 @@ def test_psignifit_is_imported_when_asked_for_only():
         ({"parameter": "force"}, r"parameter must be one of c_e, alpha, got 'force'"),
         ({"reference": 0.0}, r"reference must be above 0, got 0.0"),
         ({"level": 95}, r"level must be in \[0.5, 1\), got 95"),
-        ({"correct": [21.5, 24, 30, 37, 40]}, "float"),
+        ({"correct": [21.5, 24, 30, 37, 40]}, "from 0 to trials, at least 1, got 21.5 of 40"),
     ],
 )  # fmt: skip
 def test_refusals(change, message):

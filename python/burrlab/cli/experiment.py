@@ -27,7 +27,7 @@ from burrlab.common.files import write_text
 from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse, write_rows
 from burrlab.psychophysics.answers import read_folder, trial_rows
-from burrlab.psychophysics.designs import MODES, has_boundary
+from burrlab.psychophysics.designs import MODES
 from burrlab.psychophysics.observer import CUES_OF, SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
 from burrlab.psychophysics.psychometric import PsychometricFit
@@ -166,7 +166,7 @@ def _sittings(options: Options) -> list[Sitting]:
         "rendered": "each material once a task" if options.fast else "each interval",
         **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
     }
-    if any(map(has_boundary, protocol.tasks.values())):
+    if any(design.boundary is not None for design in protocol.tasks.values()):
         simulated["boundary"] = _simulated_subject(options, "drilling", boundary=True).to_dict()
     return [
         Sitting(
@@ -231,7 +231,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     protocol = sitting.protocol
     design = protocol.tasks[task]
     return SimulatedSeat(
-        _simulated_subject(options, design.mode, boundary=has_boundary(design)), design, burr=protocol.burr, bone=protocol.bone,
+        _simulated_subject(options, design.mode, boundary=design.boundary is not None), design, burr=protocol.burr, bone=protocol.bone,
         seed=protocol.seed, name=f"{sitting.subject} {task}",
         on_progress=lambda text: show_line(
             f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),

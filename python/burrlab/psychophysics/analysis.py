@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -31,7 +31,7 @@ from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.designs import PARAMETER_KEYS
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
-from burrlab.psychophysics.sensitivity import DPrime
+from burrlab.psychophysics.sensitivity import DPrime, below_chance
 from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
 from burrlab.psychophysics.task_results import (
     CountsBySubject,
@@ -68,12 +68,19 @@ def warnings(task: Task) -> list[str]:
     partly = ", ".join(
         f"{x.subject} ({x.trials} of {x.planned} trials)" for x in task.subjects if not x.complete
     )
+    unequal = ", ".join(
+        x.subject
+        for x in task.subjects
+        if isinstance(x, SubjectResult) and x.counts.signals != x.counts.noises
+    )
     return list(filter(None, (
         "SIMULATED SUBJECTS: nobody felt anything" * task.simulated,
         *(_selection(task) if task.selected else ()),
-        f"left out, as their runs are incomplete: {', '.join(task.left_out)}" * bool(task.left_out),
+        f"left out, as trials are missing: {', '.join(task.left_out)}" * bool(task.left_out),
         f"incomplete, and taken in on request: {partly}" * bool(partly),
         "no complete run" * (not task.subjects),
+        f"the two kinds of trials are not equally many for {unequal}: a habit of answering alters the score"
+        * bool(unequal),
     )))  # fmt: skip
 
 
@@ -164,6 +171,11 @@ def group_lines(task: Task) -> list[str]:
         lines.append(
             f"mean score, {100 * task.level:g} %: " + "{:.2f} to {:.2f}".format(*task.score.interval)
         )
+    lines += [
+        f"{x.subject}: {below}"
+        for x in task.subjects
+        if (below := below_chance(x.counts.score, x.counts.trials))
+    ]
     lines += [
         line
         for part in (*task.group_d_prime, *task.equivalence, *task.checks)
@@ -392,7 +404,7 @@ class Analysis(InJson):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        kind = "simulated subjects, " if self.simulated else ""
+        kind = "simulated subjects, " * self.simulated
         tasks = ", ".join(f"{task.name} (n = {len(task.subjects)})" for task in self.tasks)
         return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
 
@@ -400,18 +412,28 @@ class Analysis(InJson):
         return f"<pre>{escape(self.report())}</pre>"
 
 
-def _apart(task: ThresholdTask, tasks: Iterable[Task]) -> str:
-    """What tells a task's references from those of like tasks along another direction: the tasks' name."""
+def _apart(task: ThresholdTask, tasks: Collection[Task]) -> str:
+    """What tells a task's references from those of like tasks along another direction: the table's name."""
     held = {"c_e": "alpha", "alpha": "c_e"}[task.design["parameter"]]
-    by_name: dict[str, list[float]] = {}
+    names, by_table = {other.name for other in tasks}, dict[str, list[str]]()
     for other in tasks:
         if isinstance(other, ThresholdTask) and _way(other.design) == _way(task.design):
-            by_name.setdefault(other.name.rstrip("0123456789"), []).append(
-                other.design["reference"].get(PARAMETER_KEYS[held], 0.0)
+            by_table.setdefault(_table_of(other.name, names), []).append(
+                f"{other.design['reference'].get(PARAMETER_KEYS[held], 0.0):.9g}"
             )
-    differ = len({f"{value:.9g}" for values in by_name.values() for value in values}) > 1
-    several = len(by_name) > 1 and min(map(len, by_name.values())) > 1
-    return f", {task.name.rstrip('0123456789')}" * (several and differ)
+    ways = [values for values in by_table.values() if len(values) > 1]  # a task alone is on all of them
+    return f", {_table_of(task.name, names)}" * (len(ways) > 1 and len({x for way in ways for x in way}) > 1)
+
+
+def _table_of(name: str, names: Collection[str]) -> str:
+    """The table of a task, without its reference's number: of "way12" it is "way1", unless "way" has so many."""
+    numbered = {
+        int(name[place:]): name[:place]
+        for place in range(1, len(name))
+        if re.fullmatch("[1-9][0-9]*", name[place:], re.ASCII)
+        and all(name[:place] + str(k) in names for k in range(1, int(name[place:])))
+    }
+    return numbered[max(numbered)] if numbered else name.rstrip("0123456789")
 
 
 def _way(design: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -500,10 +522,6 @@ def analyse(
     notes += _notes_on_trials(tasks)
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
-    origin = provenance(
-        rules=list(settings.rules), delta=settings.delta, level=settings.level,
-        subjects=None if subjects is None else list(subjects), incomplete=incomplete,
-    )  # fmt: skip
     options: dict[str, Any] = {
         "level": settings.level, "incomplete": incomplete, "progress": progress or (lambda task, subject: None),
     }  # fmt: skip
@@ -513,7 +531,10 @@ def analyse(
         else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **options)
         for task in [task.select(subjects, selected_from, selected_by) for task in tasks]
     )
-    return Analysis(name, results, tuple(notes), json_mapping(origin))
+    return Analysis(name, results, tuple(notes), json_mapping(provenance(
+        rules=list(settings.rules), delta=settings.delta, level=settings.level,
+        subjects=None if subjects is None else list(subjects), incomplete=incomplete,
+    )))  # fmt: skip
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
@@ -623,10 +644,10 @@ def _task(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
         else SubjectData(str(subject), None, simulated, source)
         for subject, source in subjects.items()
     ]
-    without = [x.subject for x in group if x.answers is None]
+    without = [x.subject for x in group if x.counts and not x.levels]
     refuse(
         without and any(x.levels for x in group),
-        f"task {name} has levels, and counts of subject {', '.join(without)} have none",
+        f"task {name} has levels, and answers of subject {', '.join(without)} have none",
     )
     return TaskData(name or task, task, tuple(group), designs.get(first, {}))
 

@@ -107,10 +107,12 @@ class Answers(table.Tabular):
         }
 
     def __repr__(self) -> str:
-        kind = "a simulated subject" if self.simulated else "subject"
         practice = len(self.rows) - len(self.main)
-        text = f"Answers({kind} {self.subject}, task {self.name} ({self.task}), {len(self.main)} answers"
-        return "; ".join([text + f" and {practice} in practice" * bool(practice), *self.notes]) + ")"
+        text = (
+            f"Answers({'a simulated ' * self.simulated}subject {self.subject}, task {self.name} ({self.task}), "
+            f"{len(self.main)} answers" + f" and {practice} in practice" * bool(practice)
+        )
+        return "; ".join([text, *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
         return table.html_table(
@@ -255,7 +257,9 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCa
             and (row.level in (None, 1.0) or (levels and f"{row.level:.9g}" not in levels)),
             f"{file}, line {line}, column level: must be one of the design's, got {row.level}",
         )
-        expected = [names.get(letter) for letter in ([""] if "" in names else []) + list(row.trial_type)]
+        moved = {"C": f"{names['R']} {car.design['parameter']} x{row.level:.6g}"} if "R" in names else {}
+        letters = ([""] if "" in names else []) + list(row.trial_type)
+        expected = [(names | moved).get(letter) for letter in letters]
         for place, (stimulus, name) in enumerate(zip(row.stimuli, expected, strict=False), start=1):
             refuse(
                 None not in (stimulus, name) and stimulus != name,

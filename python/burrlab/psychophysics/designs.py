@@ -141,6 +141,8 @@ class TaskDesign(ABC):
     practice : int
         Trials before those that count.
     blocks : int
+    boundary : (float, float) or None
+        Least and greatest depth [mm] of the boundary that is asked for.
     """
 
     task: TaskName
@@ -149,6 +151,7 @@ class TaskDesign(ABC):
     answers: tuple[str, ...]
     practice: int
     blocks: int
+    boundary: Sequence[float] | None = None
     chance: ClassVar[float] = 0.5  # proportion correct of a subject who guesses
     _kind: ClassVar[str]  # the design's name in files
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
@@ -572,8 +575,9 @@ class ComparisonDesign(TaskDesign):
             return f"c_e is held at {material.c_e:g} N/mm^2"
         if self.hold == "sinking speed":
             return f"alpha/c_e^{self._exponent:.3g} is held, and with it the sinking speed at forces below {6.0**-material.force_exponent:.2g} c_e R^2"
-        held = f"alpha is held at {material.alpha:g} /ms"
-        return held if self.mode == "probing" else f"{held}; stiffness and sinking speed both change"
+        return f"alpha is held at {material.alpha:g} /ms" + "; stiffness and sinking speed both change" * (
+            self.mode == "drilling"
+        )
 
     @property
     def what(self) -> str:
@@ -671,11 +675,6 @@ class ComparisonDesign(TaskDesign):
             Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order
         )
         return Trial(number, phase, block, order, intervals, self.answers[order.index(correct)], level)
-
-
-def has_boundary(design: TaskDesign) -> bool:
-    """Whether a design asks for a boundary."""
-    return isinstance(design, ComparisonDesign) and design.boundary is not None
 
 
 @dataclass(frozen=True)

@@ -321,8 +321,11 @@ class SubjectTest:
     def __str__(self) -> str:
         if self.p_value is None:
             return f"{self.name}: not possible (one value, or no scatter)"
-        t = "" if self.statistic is None else f"t({self.freedom:.4g}) = {self.statistic:.2f}, "
-        return f"{self.name}: {t}{probability_text(self.p_value)}"
+        return (
+            f"{self.name}: "
+            + ("" if self.statistic is None else f"t({self.freedom:.4g}) = {self.statistic:.2f}, ")
+            + probability_text(self.p_value)
+        )
 
 
 def t_test(values: ArrayLike) -> SubjectTest:
@@ -389,7 +392,7 @@ class GroupDPrime:
         end = "open" if math.isinf(high) else f"{high:.2f}"
         return (
             f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, "
-            f"{self.informative} of {self.subjects} subjects informative"
+            f"{self.informative} of {self.subjects} subjects informative{'; scores are below chance: were answers swapped?' * (high == 0.0)}"
         )
 
 
@@ -556,9 +559,8 @@ class GroupScore:
 
     def __str__(self) -> str:
         digits, of = (1, f" of {self.trials}") if self.trials else (3, " correct")
-        error = "" if self.sem is None else f" +- {self.sem:.{digits}f}"
         return (
-            f"{self.mean:.{digits}f}{error}{of}, {self.n} subject{'s' if self.n > 1 else ''}; "
+            f"{self.mean:.{digits}f}{'' if self.sem is None else f' +- {self.sem:.{digits}f}'}{of}, {self.n} subject{'s' if self.n > 1 else ''}; "
             + "; ".join(map(str, self.tests))
         )
 

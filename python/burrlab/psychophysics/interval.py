@@ -398,9 +398,8 @@ def render(
             stopped = stop is not None and stop()
         session.stop("the interval is over")
         watch.look()
-    in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
-    otherwise: Ending = "time" if in_time and not session.failed else "device"
-    ticks = watch.ticks()
+    ticks, due = watch.ticks(), math.inf if interval.duration is None else round(interval.duration / _PERIOD)
+    otherwise: Ending = "time" if session.ticks >= due and not session.failed else "device"
     deepest = burr.radius - float(ticks["center"][:, 2].min(initial=math.inf))
     return Rendered(
         mode=mode,

@@ -19,7 +19,7 @@ from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
 from burrlab.common.check import amend_error, refuse, shown
-from burrlab.common.records import PAPER_LAW
+from burrlab.common.records import PAPER_LAW, in_one_line
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import (
@@ -33,7 +33,7 @@ from burrlab.psychophysics.designs import (
 )
 from burrlab.psychophysics.interval import Block, VolumeBlock, tissues_of
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
-from burrlab.psychophysics.side_car import SideCar, digest
+from burrlab.psychophysics.side_car import SideCar, digest, read_side_car
 from burrlab.psychophysics.staircase import DESIGNS
 from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
@@ -660,11 +660,18 @@ class Protocol:
         FileExistsError
             If the run was already begun.
         ValueError
-            If the protocol has no such subject or task, or simulated subjects would be mixed with people.
+            If the protocol has no such subject or task, or is another one for the task than other subjects had, or
+            simulated subjects would be mixed with people.
         OSError
             If a file cannot be written.
         """
         car = self.side_car(subject, task, device=device, simulated=simulated)
+        before = sorted(self.folder.glob(f"sub-*/beh/sub-*_task-{task}_events.json"))[:1]
+        changes = "; ".join(
+            change for other in map(read_side_car, before) if other
+            for change in other.differences(car, across_subjects=True)
+        )  # fmt: skip
+        refuse(changes, f"{self.path}: others had another task {task}: {in_one_line(changes, 2000)}")
         self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)
         return AnswerFile.create(self.data.answers(subject, task), car), self.order(subject, task)
 

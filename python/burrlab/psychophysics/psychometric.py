@@ -1,7 +1,6 @@
 """Threshold, slope and lapse rate of a two-interval task, by a posterior on a grid or by psignifit."""
 
 import math
-import operator
 import re
 import warnings
 from collections.abc import Iterable, Sequence
@@ -21,6 +20,7 @@ from burrlab.common.provenance import provenance
 from burrlab.common.table import probability_text
 from burrlab.psychophysics.designs import UNITS, checked_level
 from burrlab.psychophysics.rules import BELOW_CHANCE, Floats, check_level, one_of
+from burrlab.psychophysics.sensitivity import below_chance
 
 _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
@@ -54,6 +54,14 @@ def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Fl
     return thresholds, differences, grid, correct, entr(correct) + entr(1.0 - correct)
 
 
+def check_correct(correct: int, trials: int) -> None:
+    """ValueError unless these are numbers of correct answers and of trials."""
+    refuse(
+        not 0 <= correct <= trials or trials == 0 or (int(correct), int(trials)) != (correct, trials),
+        f"correct must be from 0 to trials, at least 1, got {correct} of {trials}",
+    )
+
+
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
@@ -82,6 +90,8 @@ class ThresholdPosterior:
         return np.asarray(self.weights().reshape(_THRESHOLDS, -1).sum(axis=1))
 
     def update(self, difference: float, correct: int, trials: int = 1) -> None:
+        """Counts answers; ValueError unless `correct` is from 0 to `trials`, at least 1."""
+        check_correct(correct, trials)
         p = proportion_correct(difference, *self._grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
@@ -151,10 +161,11 @@ class PosteriorThreshold:
 
     def __str__(self) -> str:
         near, far = self.interval
-        ends = "; it may lie nearer to 1 than the levels" * self.open_below
         return (
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} "
-            f"and {far:.3g} ({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
+            f"and {far:.3g} ({self.trials} trials)"
+            + "; it may lie nearer to 1 than the levels" * self.open_below
+            + "; it may lie beyond the levels" * self.open_above
         )
 
 
@@ -259,12 +270,10 @@ class PsychometricFit:
     def __str__(self) -> str:
         low, high = self.interval
         least, most = min(self.ratios), max(self.ratios)
-        chance = scipy.stats.binomtest(sum(self.correct), sum(self.trials), self.guess_rate, "less").pvalue
-        below = f"scores are below chance ({probability_text(chance)}): were answers swapped?"
         fall = self._fall()
         falling = f"scores fall as the difference grows ({probability_text(fall)}): were levels swapped?"
         lines = [
-            below * bool(chance < BELOW_CHANCE),
+            below_chance(sum(self.correct), sum(self.trials)),
             falling * bool(fall < BELOW_CHANCE),
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
@@ -451,14 +460,9 @@ def psychometric_function(
 def _pooled(ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]) -> list[Level]:
     """Ratios above 1, correct answers and trials, from the smallest; a ratio and its inverse are pooled."""
     rows = []
-    for ratio, right, number in zip(
-        ratios, map(operator.index, correct), map(operator.index, trials), strict=True
-    ):
-        refuse(
-            not 0 <= right <= number or number == 0,
-            f"correct must be from 0 to trials, at least 1, got {right} of {number}",
-        )
-        rows.append((max(ratio, 1.0 / ratio), right, number))
+    for ratio, right, number in zip(ratios, correct, trials, strict=True):
+        check_correct(right, number)
+        rows.append((max(ratio, 1.0 / ratio), int(right), int(number)))
     pooled = sorted(summed(rows))
     refuse(len(pooled) < 2, f"levels must hold at least two different differences from 1, got {len(pooled)}")
     return pooled

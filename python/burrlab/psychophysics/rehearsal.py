@@ -93,16 +93,12 @@ def rehearse(
     [11, 12]
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
-    orders = (
-        rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
-        for number in range(1, subjects + 1)
-    )
     return [
         counts_of(
-            design.task,
-            [(trial.trial_type, response, trial.correct) for trial, response in order.counted()],
+            design.task, [(trial.trial_type, response, trial.correct) for trial, response in order.counted()]
         )
-        for order in orders
+        for number in range(1, subjects + 1)
+        for order in [rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)]
     ]
 
 

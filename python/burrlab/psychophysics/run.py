@@ -725,9 +725,13 @@ class Sitting:
         again: str = "",
     ) -> None:
         self.protocol, self.subject = protocol, subject
-        planned = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
-        for task in planned:
+        asked = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
+        for task in asked:
             protocol.order(subject, task)
+        # interleaved references are asked together
+        planned = dict.fromkeys(
+            task for one in asked for unit in protocol.units if one in unit for task in unit
+        )
         # Added subjects or tasks change a subject's order, so tasks that were begun come first.
         self.tasks = tuple(sorted(planned, key=lambda task: not self._file(task).exists()))
         self._text = "driver"  # a side-car's name of a device from the caller

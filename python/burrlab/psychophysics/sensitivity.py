@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, xlogy
 
 from burrlab.common.check import refuse
+from burrlab.common.table import probability_text
 from burrlab.psychophysics.group import log_choose, task_of_all
 from burrlab.psychophysics.rules import (
+    BELOW_CHANCE,
     Counts,
     Floats,
     Rule,
@@ -416,6 +418,12 @@ def binomial_test(counts: Counts) -> float:
     0.0107
     """
     return float(scipy.stats.binomtest(counts.score, counts.trials, 0.5, alternative="greater").pvalue)
+
+
+def below_chance(score: int, trials: int) -> str:
+    """What so low a score suggests; empty if chance explains it."""
+    p = scipy.stats.binomtest(score, trials, alternative="less").pvalue
+    return f"scores are below chance ({probability_text(p)}): were answers swapped?" * bool(p < BELOW_CHANCE)
 
 
 _SAME_DIFFERENT = (

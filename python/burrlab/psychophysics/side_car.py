@@ -139,8 +139,10 @@ class AnswerRow:
 
 def columns_of(task: TaskName, *, without: Sequence[str] = ()) -> tuple[str, ...]:
     """All columns of a file, in order, without some that are optional."""
-    numbered = [f"{column}_{place}" for column in _NUMBERED for place in range(1, INTERVALS[task] + 1)]
-    columns = (*REQUIRED, "phase", "block", "level", "boundary", "reached", *numbered, "repeats")
+    columns = (
+        *REQUIRED, "phase", "block", "level", "boundary", "reached",
+        *(f"{column}_{place}" for column in _NUMBERED for place in range(1, INTERVALS[task] + 1)), "repeats",
+    )  # fmt: skip
     return tuple(column for column in columns if _unnumbered(column) not in without)
 
 

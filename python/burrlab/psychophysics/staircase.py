@@ -388,12 +388,12 @@ class StaircaseThreshold:
                 f"no threshold: {self.reversals} reversals that count in {self.trials} trials, two are needed"
             )
         spread = f", pairs of reversals spread by a factor of {self.spread:.2f}" if self.spread else ""
-        limit = f"; {self.at_limit} trials at the limit, so the threshold may be too small" * bool(
-            self.at_limit
-        )
         return (
             f"{100 * self.target:.1f} % correct at a ratio of {self.level:.3g} ({self.reversals} reversals, "
-            f"{self.trials} trials{spread}){limit}{'' if self.complete else '; not complete'}"
+            f"{self.trials} trials{spread})"
+            + f"; {self.at_limit} trials at the limit, so the threshold may be too small"
+            * bool(self.at_limit)
+            + "; not complete" * (not self.complete)
         )
 
 
@@ -659,13 +659,12 @@ def precision(
     ]
     if len(logs) > 1:
         spread, bias = float(np.std(logs, ddof=1)), float(np.mean(logs))
-        together = math.exp(spread / math.sqrt(max(subjects, 1)))
         lines += [
             f"the threshold's distance from 1 [ln] is found to a factor of {math.exp(spread):.2f} (standard "
             "deviation), "
             f"{100 * abs(math.expm1(bias)):.0f} % too {'large' if bias > 0 else 'small'} in the mean",
-            f"that of {subjects} such subjects together to {together:.2f}, and worse where they differ"
-            * (subjects > 1),
+            f"that of {subjects} such subjects together to {math.exp(spread / math.sqrt(max(subjects, 1))):.2f}, and "
+            "worse where they differ" * (subjects > 1),
         ]
     return "\n".join(filter(None, lines))
 

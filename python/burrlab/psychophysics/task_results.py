@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
-from burrlab.common.table import holm, probability_text
+from burrlab.common.table import holm
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.designs import TaskDesign
 from burrlab.psychophysics.group import (
@@ -30,10 +30,11 @@ from burrlab.psychophysics.psychometric import (
     psychometric_function,
     summed,
 )
-from burrlab.psychophysics.rules import BELOW_CHANCE, Counts, RuleName, TaskName, one_of
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
     PairCheck,
+    below_chance,
     binomial_test,
     d_prime,
     pair_checks,
@@ -111,7 +112,7 @@ class SubjectData(OneSubject):
             None if answers.trials is None else answers.trials - beside,
             answers.simulated,
             answers.counts() if answers.main else None,
-            level_counts(answers.main),
+            level_counts(answers.main if answers.task == "2ifc" else ()),
             answers,
         )
 
@@ -289,6 +290,7 @@ def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str
 
 _STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # the least end of a d' axis
+_MANY = 2000  # subjects, of whose best the distribution is a matter of memory
 
 #: Lower end, estimate and upper end of each row, of which the last two may be infinite; the look of the marks.
 Series: TypeAlias = tuple[Sequence[tuple[float, float, float]], dict[str, Any]]
@@ -464,8 +466,8 @@ class ScoredTask(TaskResult[SubjectResult]):
 
     @property
     def selection(self) -> SelectionEffect | None:
-        """Effect on the mean of selection by this very score; None without selection or if unknown."""
-        if not self.subjects or self.trials is None or self.of <= self.chosen:
+        """Effect on the mean of selection by this very score; None without selection, if unknown, or of very many."""
+        if not self.subjects or self.trials is None or not self.chosen < self.of < _MANY:
             return None
         return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
 
@@ -750,9 +752,9 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
             rows.append((min(group[1:]), group[0], max(group[1:])))
         ends = [1.0, *(end for span in rows for end in span if math.isfinite(end))]
         end = max(ends) + 0.05 * (max(ends) - min(ends))
-        what = f"threshold, {self.design.get('parameter', 'the parameter')} over the reference's [1]"
-        if any(low < high for low, _, high in rows):
-            what += f", {100 * self.level:g} % interval"
+        what = f"threshold, {self.design.get('parameter', 'the parameter')} over the reference's [1]" + (
+            f", {100 * self.level:g} % interval" * any(low < high for low, _, high in rows)
+        )
         return plot_rows(
             ax, [*spans, *["all"] * (group is not None)], [(rows, _marks(style, POSITION, "o"))], end, (1.0, "the reference"),
             group=group is not None, xlim=(None, end), xlabel=what, title=self.title,
@@ -776,14 +778,12 @@ def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) ->
     elif estimate is not None:
         threshold, interval = estimate.level, getattr(estimate, "interval", None)
     if (counts := subject.counts) is not None:
-        chance = scipy.stats.binomtest(counts.score, counts.trials, alternative="less").pvalue
-        if chance < BELOW_CHANCE and not isinstance(estimate, PsychometricFit):
-            text += f"\nscores are below chance ({probability_text(chance)}): were answers swapped?"
+        if not isinstance(estimate, PsychometricFit) and (below := below_chance(counts.score, counts.trials)):
+            text += f"\n{below}"
         text += "\none answer was always given" * (counts.hits + counts.false_alarms in (0, counts.trials))
     # A staircase may end before its last trial.
-    over = isinstance(estimate, StaircaseThreshold) and estimate.complete
     return SubjectThreshold(
-        subject.subject, None if over else subject.planned, subject.simulated, subject.trials, subject.levels, threshold,
+        subject.subject, None if isinstance(estimate, StaircaseThreshold) and estimate.complete else subject.planned, subject.simulated, subject.trials, subject.levels, threshold,
         interval, text, estimate, **_beside(subject.answers),
     )  # fmt: skip
 
@@ -815,10 +815,9 @@ def _estimate(
                 [row.level or 1.0 for row in rows], [row.correct for row in rows], level=level
             )
         return estimate, str(estimate)
-    known: dict[str, Any] = {}
-    if isinstance(design, ConstantStimuli):
-        reference = getattr(design.reference.material, design.parameter)
-        known = {"parameter": design.parameter, "reference": reference}
+    known: dict[str, Any] = {
+        "parameter": design.parameter, "reference": getattr(design.reference.material, design.parameter),
+    } if isinstance(design, ConstantStimuli) else {}  # fmt: skip
     ratios, correct, trials = zip(*subject.levels, strict=True)
     try:
         fit = psychometric_function(ratios, correct, trials, level=level, **known)

@@ -21,7 +21,7 @@ from scipy import special
 from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
 from burrlab.common.table import Tabular, p_text
-from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS
+from burrlab.psychophysics.designs import PARAMETER_KEYS, UNITS, checked_level
 from burrlab.psychophysics.psychometric import ThresholdPosterior
 from burrlab.psychophysics.rules import Floats, check_level
 
@@ -119,9 +119,11 @@ class WeberFraction:
         Raises
         ------
         ValueError
-            If there is no level, or levels lie on both sides of 1.
+            If there is no level, levels lie on both sides of 1, or numbers of answers are wrong.
         """
-        rows = [(math.log(ratio), correct, trials) for ratio, correct, trials in levels]
+        rows = [
+            (math.log(checked_level("levels", ratio)), correct, trials) for ratio, correct, trials in levels
+        ]
         sides = {math.copysign(1.0, difference) for difference, _, _ in rows}
         refuse(len(sides) != 1, f"levels must lie on one side of 1, got {len(rows)} on {len(sides)} sides")
         distances, side = [abs(difference) for difference, _, _ in rows], sides.pop()
@@ -400,8 +402,10 @@ class SensitivityFunction(Tabular):
         at = np.array([1.0, math.log(reference / self.center)])
         logarithms = [float(line @ at) for line in self.lines.values()]
         group = GroupMean.of(logarithms, np.einsum("iajb,a,b->ij", self.covariance, at, at), self.confidence)
+        # at each reference the subjects weigh otherwise, so the line is that of the mean slope
+        line, wide = self.level.mean + self.slope.mean * at[1], group.interval[1] - group.mean
         with np.errstate(over="ignore"):  # one subject, or few who differ much
-            mean, low, high = np.exp([group.mean, *group.interval]).tolist()
+            mean, low, high = np.exp([line, line - wide, line + wide]).tolist()
         return mean, low, high
 
     def __str__(self) -> str:
@@ -422,8 +426,15 @@ class SensitivityFunction(Tabular):
             "curvature: not known without three references of a subject" if self.curvature is None else
             f"curvature: {self.curvature.against('a power law')}",
         ]  # fmt: skip
-        if self.sessions < len({row.session for row in self.fractions}):
-            lines.append("effects of the sessions cannot be told from the slopes and are left out")
+        if (n := len({row.session for row in self.fractions})) > 1:
+            lines.append(
+                f"effects of the {n} sessions "
+                + (
+                    "cannot be told from the slopes and are left out"
+                    if self.sessions < n
+                    else "are taken out"
+                )
+            )
         if all(row.force for row in self.fractions):
             pressed = ", ".join(
                 f"{np.mean([row.force for row in self.fractions if row.reference == p0]):.2g} N at {p0:.3g}"
@@ -540,8 +551,11 @@ def subjects_for_slope(
     >>> subjects_for_slope(0.3, [0.25, 0.5, 1, 2, 4], 0.4)
     (11, 6)
     """
+    refuse(
+        len({*references}) < 2 or min(references) <= 0,
+        f"references must be above 0 and differ, got {list(references)}",
+    )
     spread = float(np.sum((np.log(references) - np.mean(np.log(references))) ** 2))
-    refuse(not spread > 0.0, f"references must differ, got {list(references)}")
     sd = math.hypot(between, error / math.sqrt(spread))
     n = np.arange(2, 10_001)
     t = scipy.stats.t.ppf(0.975, n - 1)
@@ -570,18 +584,26 @@ def _regression(
     for line, row in zip(design, rows, strict=True):
         line[subjects.index(row.subject)] = math.log(row.reference / center) ** np.arange(degree + 1)
     own = design.reshape(len(rows), -1)
-    shared = [
+    shared = np.array([
         [float(row.session == session) for session in sessions[1:]] + [np.log(row.force or 1.0)] * force
         for row in rows
-    ]
-    columns, closed = np.hstack([own, shared]), np.array([not row.open for row in rows])
-    weights = np.array([0.0 if row.open else 1.0 / row.error for row in rows])
-    singular = int(np.linalg.matrix_rank(columns * weights[:, None])) < columns.shape[1]
-    if (force or len(sessions) > 1) and singular:
+    ])  # fmt: skip
+    closed, weights = (
+        np.array([not row.open for row in rows]),
+        np.array([0.0 if row.open else 1.0 / row.error for row in rows]),
+    )
+
+    def rank(*columns: Floats) -> int:
+        return int(np.linalg.matrix_rank(np.hstack(columns) * weights[:, None]))
+
+    slopes = np.arange(own.shape[1]) % (degree + 1) > 0
+    if shared.shape[1] and rank(own, shared) < rank(own[:, ~slopes], shared) + slopes.sum():
         if len(sessions) == 1:
             return {}, np.zeros((0, 0, 0, 0)), 0, 1.0, 0
         return _regression([replace(row, session="") for row in rows], center, degree, force=force)
-    coefficients, matrix, misfit = _solved(rows, columns, weights)
+    # subjects of other sessions than the first may have levels that stand for one of theirs
+    kept = [k for k in range(shared.shape[1]) if rank(own, shared[:, k:]) > rank(own, shared[:, k + 1 :])]
+    coefficients, matrix, misfit = _solved(rows, np.hstack([own, shared[:, kept]]), weights)
     freedom = max(int(closed.sum()) - matrix.shape[1], 0)
     variance = max(float(misfit @ misfit) / freedom, _LEAST) if freedom else 1.0
     size, shape = own.shape[1], design.shape[1:]

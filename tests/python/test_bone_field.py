@@ -276,7 +276,7 @@ NO_SEED = r"seed must be a whole number from 0 and below 2\^64, got "
         (specimen, {"seed": 2**64}, NO_SEED + "18446744073709551616"),
         (specimen, {"voxel": (0.1, 0.1, 0.4)},
          r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"),
-        (specimen, {"voxel": 0.0}, "voxel must be a positive number or three"),
+        (specimen, {"voxel": 0.0}, "voxel must be a number or three from 1e-6 to 1e6"),
         (specimen, {"depth": -1.0}, "depth must be positive"),
         (specimen, {"axis": (0, 0, 0)}, "axis must be three finite numbers"),
         (predict, {"forces": []}, NO_LIST),

@@ -270,7 +270,7 @@ def test_coarse_and_faint_are_said():
         ({"max_duration": 0.0}, "max_duration must be positive"),
         ({"max_duration": 1e306}, "max_duration must be below 2\\^63 ticks of 1 ms, got 1e\\+306 s"),
         ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
-        ({"voxel": -0.1}, "voxel must be a positive number or three"),
+        ({"voxel": -0.1}, "voxel must be a number or three from 1e-6 to 1e6"),
         ({"voxel": 1.0}, "radius must be at least 4 voxels, got 3; a spacing of 0.4 mm or finer would do"),
         ({"voxel": 4.0}, "voxel must be at most R = 3 mm, got 4 mm"),
         ({"voxel": 0.001}, r"voxel must be coarser: a block for R = 3 mm at 0\.001 mm has"),

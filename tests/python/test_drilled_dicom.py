@@ -267,9 +267,9 @@ def test_what_cannot_be_taken_apart(tmp_path: Path, like: Volume) -> None:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["ct"]
 
     found = pydicom.dcmread(one)
-    found.HighBit, found.BitsStored = 13, 12
+    del found.HighBit, found.BitsStored
     found.save_as(one)
-    neither(read_volume(tmp_path / "ct"), "16 bits allocated, 12 stored, the highest at 13")
+    neither(read_volume(tmp_path / "ct"), "16 bits allocated, -1 stored")
     one.unlink()
     neither(like, r"slice004\.dcm: no such file", FileNotFoundError)
     one.write_bytes(content)

@@ -131,7 +131,7 @@ curve.plot("a.png")
 descend(burr, bone, np.array([2.0]))
     TypeError: force must be a number, got array([2.])
 descend(burr, bone, 2, voxel=[0.1, 0.1])
-    ValueError: voxel must be a positive number or three [mm], got [0.1, 0.1]
+    ValueError: voxel must be a number or three from 1e-6 to 1e6 [mm], got [0.1, 0.1]
 descend(burr, bone, 2, settings=burrlab.DescentSettings(stop=[1, 2]))
     ValueError: stop must be a single number, got [1, 2]
 burrlab.mean_field_descent(burr, bone, [1, 2])

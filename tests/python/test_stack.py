@@ -457,7 +457,7 @@ def test_a_part_of_a_stack_by_a_pattern(tmp_path: Path) -> None:
         ({"unknown": "skip"}, "unknown must be 'refuse', 'nearest' or a label of the palette"),
         ({"unknown": 17}, "unknown must be 'refuse', 'nearest' or a label of the palette .*got 17"),
         ({"unit": 1.0}, "unit goes with a YAML file"),
-        ({"spacing": 0}, "spacing must be a positive number or three"),
+        ({"spacing": 0}, "spacing must be a number or three from 1e-6 to 1e6"),
         ({"spacing": None}, r"do not say how large they are: give spacing=\(x, y, z\)"),
         ({"path": "16"}, "colours of labels must have 8 bits a channel, got 16"),
         ({"path": "grey with alpha"}, "s0.png: grey slices must not be transparent"),

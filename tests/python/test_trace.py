@@ -329,8 +329,8 @@ def test_what_is_no_trace(file, make, error, said):
         burrlab.load_trace(file)
 
 
-def blank(row, name):
-    return lambda trace: trace["ticks"].__setitem__((row, name), 0)
+def blank(row, name, value=0):
+    return lambda trace: trace["ticks"].__setitem__((row, name), value)
 
 
 def _set(name, value):
@@ -377,6 +377,9 @@ def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
         (_replace("recorded", np.uint64(19)), ".*ticks has room for 20 rows, and 19 are counted"),
         (blank(7, "index"), "damaged: the row of tick 47 holds something else"),
         (blank(3, "k"), "damaged: the row of tick 43 holds something else"),
+        (blank(5, "touching", 255), "damaged: the row of tick 45 holds what no burr can do"),
+        (blank(2, "center_x_mm", np.nan), "damaged: the row of tick 42 holds what no burr can do"),
+        (blank(2, "removed_levels", -1), "damaged: the row of tick 42 holds what no burr can do"),
         (lambda trace: trace["volume/density"].__setitem__((0, 0, 0), 3), "damaged: the bone has digest"),
         (_set("initial_digest", "0" * 32), ".*its volume is not the one that the session began with"),
         *((change, "") for change in (

@@ -59,7 +59,7 @@ def test_recipe_through_json(here):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"voxel": 0}, "voxel must be a positive number or three"),
+        ({"voxel": 0}, "voxel must be a number or three from 1e-6 to 1e6"),
         ({"crop": ((1, 2), (3, 4, 5))}, "crop must be three finite numbers"),
         ({"mapping": 0}, "map must be an OccupancyMap, such as"),
     ],
@@ -324,7 +324,7 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
 @pytest.mark.parametrize(
     ("size", "voxel", "axis", "match"),
     [
-        ((6, 6, 0), 0.5, -1, "size must be a positive number or three"),
+        ((6, 6, 0), 0.5, -1, "size must be a number or three from 1e-6 to 1e6"),
         ((60, 100, 1), 1e-3, -1, r"voxel must be coarser: the block has 6e\+12 voxels"),
         ((6, 6, 6), 0.5, 1, "meets no occupancy of 128"),
     ],

@@ -93,9 +93,11 @@ class _Slice:
                 and (np.isnan(factor) or (keyword == "RescaleSlope" and factor == 0)),
                 f"{name}: {keyword} must be a number, of a slope not 0, got {text_of(attributes, keyword)}",
             )
+        stored, highest = (short_of(attributes, keyword) for keyword in ("BitsStored", "HighBit"))
         refuse(
-            "ModalityLUTSequence" in attributes or short_of(attributes, "BitsStored") > self.bits,
-            f"{name}: grey values by a table (Modality LUT), or of more bits than are allocated, are not read",
+            "ModalityLUTSequence" in attributes or stored > self.bits or highest not in (-1, stored - 1),
+            f"{name}: grey values by a table (Modality LUT), of more bits than are allocated, or not in the lowest bits "
+            "are not read",
         )
         shades = text_of(attributes, "PhotometricInterpretation")
         refuse(

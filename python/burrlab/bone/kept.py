@@ -322,11 +322,11 @@ def _stored(
     attributes: Any, plane: NDArray[Any], name: str
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
     """Stored numbers of a slice, and their type, slope, intercept and bits for `coded`."""
-    whole, used, top = (short_of(attributes, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
+    whole, used = (short_of(attributes, key) for key in ("BitsAllocated", "BitsStored"))
     refuse(
-        whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
+        whole not in (8, 16, 32) or not 0 < used <= whole,
         f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got "
-        f"{whole} bits allocated, {used} stored, the highest at {top}",
+        f"{whole} bits allocated, {used} stored",
     )
     order = "<" if attributes.original_encoding[1] else ">"
     refuse(

@@ -64,11 +64,11 @@ class Specimen:
 
 
 def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.float64]:
-    """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
+    """Spacing (x, y, z) from one number or three [mm]; ValueError unless they are from 1e-6 to 1e6."""
     lengths = real(spacing, what)
     refuse(
-        lengths.shape not in ((), (3,)) or not np.all(np.isfinite(lengths) & (lengths > 0)),
-        f"{what} must be a positive number or three [mm], got {spacing!r}",
+        lengths.shape not in ((), (3,)) or not np.all((lengths >= 1e-6) & (lengths <= 1e6)),
+        f"{what} must be a number or three from 1e-6 to 1e6 [mm], got {spacing!r}",
     )
     return np.broadcast_to(lengths, (3,)).copy()
 

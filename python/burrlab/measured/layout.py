@@ -50,6 +50,11 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
 _KNOWN = sorted((unit for factors in UNITS.values() for unit in factors), key=len, reverse=True)
 _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 _TAIL = re.compile(rf"(?:^|[\s_,/=])({'|'.join(unit.replace('/', '[/_]') for unit in (*_KNOWN, *_MEANT))})$")
+#: Units amid a heading, such as "v_um_s.1"; not um, in and min between blanks, which are words.
+_AMID = re.compile(
+    rf"(?:^|[\s_,/=.:|-])({'|'.join(unit.replace('/', '[/_.]') for unit in (*_KNOWN, *_MEANT) if len(unit) > 1 and unit not in ('um', 'in', 'min'))})"
+    r"(?=$|[\s_,/=.:|-])|[_.|](um)(?=[_.|])"
+)
 _WORDS = {
     r"newtons?": "N", r"gramm?s?": "gf", r"kilogramm?s?": "kgf", r"pounds?": "lbf", r"millimet(er|re)s?": "mm",
     r"microns?|micromet(er|re)s?": "um", r"centimet(er|re)s?": "cm", r"inch(es)?": "in",
@@ -486,14 +491,15 @@ def _key(heading: str) -> str:
 
 def _unit_in(heading: str) -> tuple[str, bool]:
     """The unit that a heading tells, "" for none, and whether it stands in brackets."""
-    heading = unicodedata.normalize("NFKC", heading)
+    heading = unicodedata.normalize("NFKC", heading).replace("\u2212", "-")
     for bracket in reversed(re.findall(r"[\[({<【]([^\[({<【]+)[\])}>】]", heading)):
         if (unit := re.sub(r"\s", "", _letters(bracket))) in _KNOWN:
             return unit, True
     if bracket := re.search(r"[\[({<]([^\[({<]+)[\])}>]\W*$", heading):
         return re.sub(r"\s", "", _letters(bracket[1])), True
-    tail = _TAIL.search(_letters(heading))
-    return (tail[1].replace("_", "/"), False) if tail else ("", False)
+    letters = _letters(heading.strip("_.|:- "))
+    told = _TAIL.search(letters) or _AMID.search(letters)
+    return (re.sub("[_.]", "/", told[1] or told[2]), False) if told else ("", False)
 
 
 def _letters(text: str) -> str:
@@ -502,7 +508,7 @@ def _letters(text: str) -> str:
     for word, unit in _WORDS.items():
         text = re.sub(rf"(?i)(?<![^\W_])({word})(?![^\W_])", unit, text)
     text = re.sub(r"(?i)(?<=[a-z])[\s_]+(per|pro|par)[\s_]+|\s*/\s*", "/", text)
-    text = re.sub(r"\s*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
+    text = re.sub(r"[\s_]*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
     return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 
 

@@ -595,7 +595,17 @@ def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.
     )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
     _check_rows(ticks, first)
-    return read_only(ticks.view(row) if table.dtype == file_dtype(burrs) else ticks)
+    rows = ticks.view(row) if table.dtype == file_dtype(burrs) else ticks
+    burr = rows["burr"]
+    finite = [np.isfinite(burr[name]).all(axis=-1) for name in ("center_mm", "sent_force_N")]
+    right = (
+        np.logical_and(*finite)
+        & (np.maximum(burr["touching"], burr["on"]) <= 1)
+        & (burr["removed_levels"] >= 0)
+    )
+    wrong = first + np.flatnonzero(~right.all(axis=1))
+    refuse(len(wrong), f"the row of tick {wrong[:1].sum()} holds what no burr can do")
+    return read_only(rows)
 
 
 def _check_rows(ticks: NDArray[np.void], first: int) -> None:

@@ -219,6 +219,7 @@ _RESIN = '[materials.resin]\nreal = true\n[tasks.match]\ndesign = "abx"\nreferen
          r", [materials]: a material's name must be of letters"),
         ("[burr]", "[materials.a]\nalpha = 1\n[burr]", r", [materials.a]: c_e is missing"),
         ("[burr]", "[materials.a]\nc_e = -1\nalpha = 1\n[burr]", r", [materials.a]: c_e must be"),
+        ("[burr]", "[materials.a]\nc_e = 2.1e6\nalpha = 1\n[burr]", r", [materials.a]: c_e must be at most 1000 [N/mm^2], got 2100000.0"),
         ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nforce_exponent = 0\n[burr]", r", [materials.a]: force_exponent must be 1 to 8, got 0"),
         ("[burr]",
          "[materials.a]\nc_e = 1\nalpha = 1\nshape = 'x'\n[burr]", r", [materials.a]: shape must be"),

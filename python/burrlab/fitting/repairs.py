@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from burrlab._core import shape_names
+from burrlab.common.progress import doing
 from burrlab.fitting.diagnostics import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
@@ -120,6 +121,7 @@ class Repair:
     gain: float  #: AIC of the fit less that with it
 
 
+@doing("what would repair the fit")
 def repairs(
     plain: Likelihood, fitted: Likelihood, point: Point, aic: float, n_parameters: int
 ) -> tuple[Repair, ...]:

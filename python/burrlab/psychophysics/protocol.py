@@ -216,9 +216,15 @@ def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
         )
         material = None
         if not stimulus.get("real", _FLAG, default=False):
+            at_most: Rule = "at most 1000 [N/mm^2]", lambda value: value <= 1000  # more is in Pa
             kinds = dict.fromkeys(("c_e", "alpha", *PAPER_LAW), _NUMBER) | {"shape": _TEXT, "source": _TEXT}
             options = {
-                key: stimulus.get(key, kind, default=_REQUIRED if key in ("c_e", "alpha") else None)
+                key: stimulus.get(
+                    key,
+                    kind,
+                    *[at_most] * (key == "c_e"),
+                    default=_REQUIRED if key in ("c_e", "alpha") else None,
+                )
                 for key, kind in kinds.items()
             }
             with stimulus.errors():

@@ -191,14 +191,15 @@ def test_what_makes_no_volume_is_refused(folder, change, message):
 
 def test_what_may_be_lost_at_even_distances_is_noted(folder, tmp_path):
     lost(1, 3, 5)(folder)
+    slice_of(2, PatientID="another", InstanceNumber="3")(folder)
     (folder / "notes.txt").write_text("no slice")
     (folder / "IM0007").write_text("cut short")
     volume = burrlab.read_volume(folder)
-    assert volume.spacing[2] == pytest.approx(1.5)
-    assert volume.notes == (
+    assert (volume.spacing[2], volume.notes) == (pytest.approx(1.5), (
         "the slices are numbered 1 to 5, of which 2 are absent: slices may be missing",
+        "the slices differ in PatientID: they may be of several scans",
         "2 files of the folder left out, as no DICOM: IM0007, notes.txt",
-    )
+    ))  # fmt: skip
     write_series(tmp_path / "end", VALUES[:4], ImagesInAcquisition="6")
     assert burrlab.read_volume(tmp_path / "end").notes == (
         "the DICOM headers count 6 images in the acquisition, 4 are there: slices may be missing",

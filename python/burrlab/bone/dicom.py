@@ -117,6 +117,9 @@ class _Slice:
             f"{name}: the DICOM header does not say the slice's position and orientation",
         )
         self.number, self.images = whole("InstanceNumber"), whole("ImagesInAcquisition")
+        self.scan = {
+            key: text_of(attributes, key) for key in ("PatientID", "FrameOfReferenceUID", "ConvolutionKernel")
+        }
 
 
 def read_dicom(
@@ -146,11 +149,12 @@ def read_dicom(
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
-    """Notes on slices that may be missing although the positions are regular, and on files left out."""
+    """Notes on slices that may be missing, or of several scans, at regular positions, and on files left out."""
     numbers = {s.number for s in slices if s.number is not None}
     low, high = min(numbers, default=0), max(numbers, default=0)
     absent = high - low + 1 - len(numbers)
     stated_count = max(s.images or 0 for s in slices)
+    mixed = [key for key in slices[0].scan if len({s.scan[key] for s in slices}) > 1]
     first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
     notes = {
         f"the slices are numbered {low} to {high}, of which {absent} are absent: slices may be missing": (
@@ -158,6 +162,7 @@ def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
         ),
         f"the DICOM headers count {stated_count} images in the acquisition, {len(slices)} are there: slices may be "
         "missing": stated_count > len(slices),
+        f"the slices differ in {', '.join(mixed)}: they may be of several scans": bool(mixed),
         f"{len(others)} file{'s' * (len(others) > 1)} of the folder left out, as no DICOM: {first}": bool(
             others
         ),

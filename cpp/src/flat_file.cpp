@@ -49,8 +49,10 @@ void put_material(std::ostream& head, const Material& m) {
 /// A new file up to its ticks; without `setup`, of a bone alone.
 std::ofstream create(const Path& path, const VoxelBone& bone, std::uint64_t tick, const std::string& source,
                      const SessionSetup* setup = nullptr) {
-  if (std::filesystem::exists(path))
-    throw SystemError(std::make_error_code(std::errc::file_exists), path.string());
+  std::error_code code;
+  const auto status = std::filesystem::status(path, code);
+  if (std::filesystem::exists(status)) code = std::make_error_code(std::errc::file_exists);
+  if (status.type() != std::filesystem::file_type::not_found) throw SystemError(code, path.string());
   const StandardEnvironment environment;
   const VoxelBone::Reading reading(bone);
   const TissueMap* map = bone.tissues().get();
@@ -192,6 +194,7 @@ FlatTrace::FlatTrace(const Path& path, std::shared_ptr<const TickExecutor> execu
 
 void FlatTrace::write(const TickRecord& record) {
   check_record(record, executor_->burrs());
+  if (!file_.is_open()) throw InvalidArgument("trace must not be finished");
   if (record.index != next_)
     refuse("index of a tick", "the next one, " + std::to_string(next_), double(record.index));
   const auto* row = reinterpret_cast<const char*>(&record);

@@ -110,7 +110,7 @@ Shape Shape::parse(const std::string& name) {
   if (name.size() > 7 && name.rfind("power(", 0) == 0 && name.back() == ')') {
     double k = 0.0;
     if (read(name.substr(6, name.size() - 7), k)) {
-      if (!(k > 0.0 && k <= 8.0)) refuse("k of power(k)", "in (0, 8]", k);
+      if (!(k >= 1e-6 && k <= 8.0)) refuse("k of power(k)", "1e-6 to 8", k);
       return Shape(Kind::power, k);
     }
   }
@@ -145,6 +145,8 @@ Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>&
     table.name += (i == 0 ? ";" : ",") + written(x[i] + 0.0) + ":" + written(ratio);
     table.depth.push_back(1.0 - x[i]);
     table.value.push_back(zero && order != 1.0 ? portable::pow(ratio, 1.0 / order) : ratio);
+    if (ratio > 0.0 && table.value.back() < std::numeric_limits<float>::min())
+      refuse("order of a table", "larger, for its f of " + written(ratio), order);
   }
   table.name += ")";
   std::reverse(table.depth.begin(), table.depth.end());

@@ -193,7 +193,7 @@ def test_report_figure_and_json():
     ax = compared.plot()
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
     assert ax.get_yscale() == "log"
-    assert legend == ["small forces over bone, R = 3 mm", "margin, 20 %"]
+    assert legend == ["small forces over bone, R = 3 mm", "margin, 20 %", "90 % band"]
     kept = io.StringIO()
     compared.to_json(kept)
     assert Comparison.from_json(io.StringIO(kept.getvalue())) == compared

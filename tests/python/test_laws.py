@@ -200,7 +200,7 @@ class TestAnswers:
             "kobra",
             f"contradicted: {', '.join(compared.contradicted)}",
         ]
-        assert right.get_title().startswith("s = 3")
+        assert right.get_title().startswith("mean s = 3")
         assert compared.plot_exponent("q").get_xlabel() == "$q$ of $F \\sim h^q$"
 
     @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(15", "power(1) "
     ("make", "match"),
     [
         *((lambda name=name: Shape(name), SHAPE) for name in UNKNOWN),
-        *((lambda k=k: Shape(f"power({k})"), rf"k of power\(k\) must be in \(0, 8\], got {k}") for k in ("0", "-1", "8.001")),
+        *((lambda k=k: Shape(f"power({k})"), rf"k of power\(k\) must be 1e-6 to 8, got {k}") for k in ("0", "-1", "8.001")),
         (lambda: Shape("linear")(np.array([0.5, -0.1])), "x must be r/R, zero or positive, got"),
         (lambda: Shape("linear")(np.array([0.5, np.nan])), "x must be r/R, zero or positive, got"),
         (lambda: Burr(0.0), "radius must be positive and finite, got 0"),

@@ -120,15 +120,15 @@ def test_the_report_tells_what_is_more_than_a_graze(recorded) -> None:
     time, volume = deep.dose("nerve").touching, deep.removed["nerve"]
     assert min(time, volume) >= 0.1
     assert (deep.touched, deep.injured) == ({"nerve": time}, {"nerve": volume})
-    said = f"touched [s], from 0.1 on: nerve {time:.3g}\ninjured [mm^3], from 0.1 on: nerve {volume:.3g}"
+    said = f"touched for 0.1 s or more [s]: nerve {time:.3g}\ninjured by 0.1 mm^3 or more [mm^3]: nerve {volume:.3g}"
     assert said in str(deep)
     told = deep.to_dict()
     assert (told["touched_s"], told["injured_from_mm3"]["nerve"]) == ({"nerve": time}, 0.1)
     assert "injury" in {event["kind"] for event in told["events"]}  # events stay exact
     small = replace(deep, watched=replace(deep.watched, removed=deep.watched.removed // 1000))
-    assert (small.injured, "injured [mm^3], from 0.1 on: nothing" in str(small)) == ({}, True)
+    assert (small.injured, "injured by 0.1 mm^3 or more [mm^3]: nothing" in str(small)) == ({}, True)
     assert limited.injured == {"nerve": limited.removed["nerve"]}  # by the watch's own limit, 0.05 mm^3
-    assert "injured [mm^3], from 0.05 on" in str(limited)
+    assert "injured by 0.05 mm^3 or more" in str(limited)
 
 
 def test_two_burrs_are_told_apart(tmp_path) -> None:

@@ -32,8 +32,8 @@ class BURRLAB_API Shape {
     double at(double delta) const;  ///< y
   };
 
-  /// The shape of one of `names()`, of "power(k)", (1 - x^2)^k with 0 < k <= 8, or of a table's name; throws
-  /// InvalidArgument.
+  /// The shape of one of `names()`, of "power(k)", (1 - x^2)^k with 1e-6 <= k <= 8, or of a table's name;
+  /// throws InvalidArgument.
   static Shape parse(const std::string& name);
   /// The table of f at x; `order` is that of the zero at x = 1, NaN to take it from the table's end. Throws
   /// InvalidArgument.

@@ -51,7 +51,8 @@ void VrpnService::VrpnPeer::take(const vrpn::Message& message) {
     tick_ = service_.log_.next();
   } else if (message.kind == Kind::ping) {
     vrpn::encode_pong(pending, std::int32_t(message.sender), openigtlink::timestamp_now());
-  } else if (message.kind == Kind::udp) {
+  } else if (message.kind == Kind::udp &&  // never at our port: the server would be its own client
+             !(message.number == service_.server_.port() && TcpServer::is_own(address))) {
     poses_ = address.with_port(message.number);
   } else if (message.kind != Kind::sender) {
     ++status.ignored;

@@ -24,7 +24,8 @@ std::int64_t to_nanoseconds(double milliseconds) { return std::llround(milliseco
 
 std::size_t ring_size(const LoopSettings& settings, double period) {
   const double rate = 1e3 / period;
-  if (!(rate <= 10001.0)) refuse("rate", "at most 10000 Hz", rate);
+  if (!(rate <= 10000.0 * (1.0 + 1e-9))) refuse("rate", "at most 10000 Hz", rate);
+  if (period > 1e6) refuse("period", "at most 1e6 ms", period);
   require_positive("ring", settings.ring);
   const double records = settings.ring * 1e3 / period;
   if (!(records <= 4e6)) refuse("records of the ring", "at most 4000000", records);
@@ -81,12 +82,13 @@ void HapticLoop::start() {
   if (started()) throw InvalidArgument("loop must be started once: it has been");
   auto changing = std::make_unique<VoxelBone::Changing>(*executor_->bone());
   claim_devices();
+  first_tick_ = executor_->tick();
   changing_ = std::move(changing);
   running_.store(true, std::memory_order_release);
   started_.store(true, std::memory_order_release);
   try {
     executor_->bone()->write_pages();
-    for (const auto& device : devices_) device->start(1e-3 * executor_->setup().period);
+    for (const auto& device : devices_) ++begun_, device->start(1e-3 * executor_->setup().period);
     thread_ = std::thread([this] { run(); });
     while (heartbeat_.load(std::memory_order_acquire) == 0)
       std::this_thread::sleep_for(std::chrono::microseconds(100));
@@ -183,14 +185,14 @@ bool HapticLoop::halt(const std::string& reason, bool failed) {
 }
 
 void HapticLoop::halt_devices() noexcept {
-  for (const auto& device : devices_) device->halt();
+  for (std::size_t i = 0; i < begun_; ++i) devices_[i]->halt();
 }
 
 /// Sets all to zero before stopping the first, which may take a while.
 void HapticLoop::stop_devices() noexcept {
-  for (const auto& device : devices_) device->write(Vec3::Zero());
+  for (std::size_t i = 0; i < begun_; ++i) devices_[i]->write(Vec3::Zero());
   halt_devices();
-  for (const auto& device : devices_) device->stop();
+  for (std::size_t i = 0; i < begun_; ++i) devices_[i]->stop();
 }
 
 // A stalled loop cannot send zero itself.
@@ -278,8 +280,8 @@ bool HapticLoop::read_device(std::size_t i, std::uint64_t periods, double time, 
   if (reading.status == Status::lost) {
     halt_devices();
     const std::string why = devices_[i]->fault();
-    const std::string old =
-        "its last position is " + std::to_string(int(std::min(reading.age, 1e9))) + " ms old";
+    const double age = std::isfinite(reading.age) ? std::min(reading.age, 1e9) : 1e9;
+    const std::string old = "its last position is " + std::to_string(int(age)) + " ms old";
     return end(who() + " was lost: " + (why.empty() ? old : why), true), false;
   }
   if (reading.buttons & settings_.stop_buttons)

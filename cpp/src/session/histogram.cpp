@@ -10,7 +10,7 @@ namespace burrlab {
 int Histogram::bin_of(double microseconds) noexcept {
   if (!(microseconds > lowest)) return 0;
   int exponent;
-  const double mantissa = std::frexp(microseconds / lowest, &exponent);  // 0.5..1
+  const double mantissa = std::frexp(std::min(microseconds / lowest, 1e300), &exponent);  // 0.5..1
   const int bin =
       (exponent - 1) * bins_per_octave + static_cast<int>((2.0 * mantissa - 1.0) * bins_per_octave);
   return std::min(bin, bins - 1);

@@ -20,6 +20,7 @@ struct Trial {
 
 VirtualCoupling::VirtualCoupling(double stiffness) : stiffness_(stiffness) {
   require_positive("stiffness of the coupling", stiffness);
+  if (stiffness < 1e-6) refuse("stiffness of the coupling", "at least 1e-6 N/mm", stiffness);
 }
 
 void VirtualCoupling::reset() noexcept {

@@ -259,8 +259,8 @@ class AnatomyReport(AsDict):
             kinds = Counter(event.kind for event in self.events)
             counts = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
             lines += [
-                f"touched [s], from {TOUCH_TIME:g} on: {_listed(self.touched)}",
-                f"injured [mm^3], from {least} on: {_listed(self.injured)}",
+                f"touched for {TOUCH_TIME:g} s or more [s]: {_listed(self.touched)}",
+                f"injured by {least} mm^3 or more [mm^3]: {_listed(self.injured)}",
                 dose_table(doses),
                 *[others] * bool(others),
                 f"events: {counts or 'none'}" + ", each to the tick, however small" * bool(counts),

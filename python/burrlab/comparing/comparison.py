@@ -255,7 +255,15 @@ class Comparison(InJson, Tabulated):
                 F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
                 label = f"{names[1]} over {names[0]}, R = {R:g} mm"
                 look = styled(style, **SERIES[k % len(SERIES)] | {"markersize": 3, "label": label})
-                ax.fill_between(F, low, high, color=look["color"], alpha=0.2, linewidth=0)
+                ax.fill_between(
+                    F,
+                    low,
+                    high,
+                    color=look["color"],
+                    alpha=0.2,
+                    linewidth=0,
+                    label="90 % band" if k == 0 else None,
+                )
                 ax.plot(F, ratio, **look)
         ax.axhline(1, color=REFERENCE, linewidth=0.8)
         if self.margin is not None:

@@ -373,7 +373,9 @@ class LawComparison(Tabulated):
                         textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
         ax.set(xlabel=_AXES[name], ylabel="rise of $-2 \\log L$", ylim=(0, 1.25 * largest))
         ax.set_xlim(exponent.grid[0], exponent.grid[-1])
-        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {exponent.interval_text}")
+        ax.set_title(
+            f"{'mean ' * (name == 's')}{name} = {exponent.value:.3g}, 95 %: {exponent.interval_text}"
+        )
         return ax
 
     def to_dict(self) -> dict[str, Any]:

@@ -190,7 +190,8 @@ class Descent(AsDict, Tabular):
                             textcoords="offset points", color=REFERENCE, fontsize=8)  # fmt: skip
         for phase, (begin, end) in self.phases.items():
             if end - begin > 0.04 * max(self.duration, 1e-9):
-                label = "window" if phase == "steady" else phase  # the velocity falls there, too
+                # the velocity falls in a window, too
+                label = "window" if phase == "steady" and self.window is not None else phase
                 top.text(0.5 * (begin + end), 0.97, label, transform=top.get_xaxis_transform(),
                          ha="center", va="top", fontsize=8)  # fmt: skip
             top.axvline(begin, color="0.75", linewidth=0.6)

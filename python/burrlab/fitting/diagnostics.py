@@ -11,6 +11,7 @@ from scipy import special
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
+from burrlab.common.progress import doing
 from burrlab.common.table import holm, probability_text
 from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
@@ -551,8 +552,15 @@ class Row:
         )
 
 
+@doing("fits without each row")
 def influence(
-    likelihood: Likelihood, point: Point, data: Sequence[Data], bounds: Bounds, *, every: bool = True
+    likelihood: Likelihood,
+    point: Point,
+    data: Sequence[Data],
+    bounds: Bounds,
+    *,
+    every: bool = True,
+    refitted: bool = True,
 ) -> tuple[Row, ...]:
     """The curves' rows in the order of the data, each with the fit without it.
 
@@ -567,6 +575,8 @@ def influence(
         Given to the fit.
     every : bool
         False returns only the rows that stand out.
+    refitted : bool
+        False leaves out the fits without a row.
 
     Notes
     -----
@@ -602,7 +612,7 @@ def influence(
     least = np.sort(np.abs(residual))[-_FARTHEST] if len(r) > _EACH else 0.0
     return tuple(
         Row(data_set, row, float(o.recorded_force[at]), h, t, stands_out,
-            *(_without(likelihood, at, bounds) if abs(t) >= least else _NO_FIT))
+            *(_without(likelihood, at, bounds) if refitted and abs(t) >= least else _NO_FIT))
         for (data_set, row), at, h, t, stands_out in zip(
             places, *(x.tolist() for x in (np.flatnonzero(o.run < 0), leverage, residual, named)), strict=True
         )

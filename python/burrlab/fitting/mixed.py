@@ -936,7 +936,7 @@ def effect_sentences(
     )
     if isinstance(calibration, MixedCalibration) and any(x.interval for x in effects):
         of_alpha, best = (calibration.freedom(d) for d in (ALPHA, np.array([-identified.exponent, 1.0])))
-        alpha_rests, best_rests = (f"{nu:.2g}" if nu < 1000 else "over 1000" for nu in (of_alpha, best))
+        alpha_rests, best_rests = (f"{nu:.2g}" if nu < 100 else "over 100" for nu in (of_alpha, best))
         sentences.append(
             f"The interval of alpha rests on {alpha_rests} degree{'s' * (alpha_rests != '1')} of freedom, that of "
             f"alpha/c_e^{identified.exponent:.3g} on {best_rests}."

@@ -35,6 +35,7 @@ from burrlab.common.table import Tabulated
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
+from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, LEVELS, Region, level_name
@@ -375,6 +376,12 @@ class Fit(FitRecord, Tabulated):
         wide = np.log(softer / stiffer) / (2 * spread)
         return np.where(np.isnan(wide), self.law.stretch * MasterCurve(self.shape).local_slope(phi), wide)
 
+    def _check_whole(self) -> None:
+        """An error where the report lacks something; its repairs, which take long, are not asked for."""
+        vars(self)["repairs"] = ()
+        self.report()
+        del vars(self)["repairs"]
+
     def report(self, verbose: bool = False) -> str:
         """The fit as aligned text blocks.
 
@@ -428,7 +435,8 @@ class Fit(FitRecord, Tabulated):
             {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"},
         )
         default = np.isnan(o.window_start)
-        label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
+        free = " without offsets" * any(x.quantity in OFFSETS for x in self.effects)
+        label = f"fit{free}: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
         if ridge := self._on_ridge:
             label = f"ridge: $\\alpha/c_e^{{{ridge.exponent:.3g}}}$ = {span(ridge.interval)} (95 %)"
         several, shade = self.radius is None, {"label": "95 % band", "color": style.get("color", FORCE)}
@@ -650,7 +658,8 @@ class Fit(FitRecord, Tabulated):
             If the fit failed, or has no curve.
         """
         refuse(over not in ("force", "order"), f"over must be 'force' or 'order': got {over!r}")
-        rows = self.influence()
+        bounds = {name: self.bounds[name] for name in self.given_bounds}
+        rows = influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds, refitted=False)
         refuse(not rows, "residuals of rows need a curve: the fit has none")
         ax = axes_or_new(ax)
         force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))

@@ -497,7 +497,9 @@ def _depths(fit: Fit, static: ArrayLike | None, radius: float | None) -> tuple[F
 
 def _scatter(fit: Fit, scatter: float | None) -> float:
     if scatter is not None:
-        return float(_positive("scatter", scalar(scatter, "scatter"), "")[0])
+        scatter = float(_positive("scatter", scalar(scatter, "scatter"), "")[0])
+        refuse(scatter > 1, f"scatter must be the standard deviation of ln v, 0.08 for 8 %: got {scatter:g}")
+        return scatter
     refuse(
         fit.residual_kind != "relative",
         f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals",

@@ -272,7 +272,7 @@ def _between(
     )
     refuse(
         between is None and not estimated,
-        "between must be given, such as {'alpha': 0.1}: the fit knows no specimens or days",
+        "between must be given, such as {'alpha': 0.1} (--between alpha=0.1): the fit knows no specimens or days",
     )
     of_unit = [x for x in estimated if x.group == unit]
     deviations: dict[str, float] = {

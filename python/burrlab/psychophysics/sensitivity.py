@@ -468,7 +468,7 @@ class PairCheck:
         (n, trials), (m, others) = self.counts
         text = f"{self.types[0]} against {self.types[1]}: {self.counted} {n} of {trials} and {m} of {others}, p = {self.p_value:.3g}; "
         if self.smallest >= 1.0:
-            return text + "alike in every subject as far as can be"
+            return text + "with these answers no other split is possible"
         if self.smallest > 0.05:
             return text + f"so few trials cannot show a difference (p is at least {self.smallest:.2g})"
         return text + (self.meaning if self.p_value <= 0.05 else "no difference shown")

@@ -394,7 +394,7 @@ class SceneChart:
 
     def __init__(self, plotter: Any, module: Any) -> None:
         self.charts, self.lines = [], []
-        for row, (label, colour) in enumerate((("force [N]", "#4EA5E0"), ("depth [mm]", "#3CC49A"))):
+        for row, (label, colour) in enumerate((("force [N]", "#4EA5E0"), ("penetration [mm]", "#3CC49A"))):
             chart = module.Chart2D(
                 size=(0.30, 0.155),
                 loc=(0.008, 0.17 - 0.16 * row),

@@ -125,6 +125,7 @@ class BURRLAB_API HapticLoop {
   std::atomic<bool> started_{false};
   std::mutex life_mutex_;  // of the next three; the threads never take it
   bool claimed_ = false;   // by this loop
+  std::size_t begun_ = 0;  // devices whose start was called
   std::thread thread_, watchdog_;
   mutable std::mutex mutex_;  // of the next three; the loop takes it before its first and after its last tick
   std::string reason_;

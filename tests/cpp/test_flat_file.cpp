@@ -204,6 +204,11 @@ void refusals() {
   fails([&] { FlatTrace(nowhere, executor); }, std::errc::no_such_file_or_directory, nowhere);
   fails([&] { write_bone(nowhere, *executor->bone()); }, std::errc::no_such_file_or_directory, nowhere);
   fails([&] { read_bone(nowhere); }, std::errc::no_such_file_or_directory, nowhere);
+  const auto endless = folder / std::string(300, 'a');
+  fails([&] { write_bone(endless, *executor->bone()); }, std::errc::filename_too_long, endless);
+  FlatTrace over(folder / "over.burr", executor);
+  over.finish("over");
+  CHECK_THROWS(over.write(tick_of(40)), "trace must not be finished");
   std::filesystem::remove(file);
   FlatTrace trace(file, executor);
   const std::string before = content_of(file);

@@ -171,6 +171,11 @@ void device_that_does_not_start() {
   loop.stop();
   follower.stop();
   CHECK_THROWS(loop.start(), "loop must be started once");
+  HapticLoop other(executor(1.0, 2), {std::make_shared<Unwilling>(), well}, virtual_clock(10));
+  well->release();
+  well->halted = false;
+  CHECK_THROWS(other.start(), "no power");
+  CHECK(!well->halted);
 }
 
 /// All devices get zero force before the first is stopped.

@@ -112,8 +112,8 @@ void histogram() {
     CHECK(h.quantile(p) <= 1000 * p * 1.04 + 1.0);
   }
   CHECK(h.quantile(1.0) == 1000.0);
-  h.add(1e12), h.add(-1.0), h.add(std::nan(""));
-  CHECK(h.count() == 1003 && h.counts().back() == 1 && h.counts().front() == 2);
+  h.add(1e12), h.add(-1.0), h.add(std::nan("")), h.add(INFINITY);
+  CHECK(h.count() == 1004 && h.counts().back() == 2 && h.counts().front() == 2);
   const auto edges = Histogram::edges();
   for (std::size_t i = 1; i < edges.size(); ++i) CHECK(edges[i] > edges[i - 1]);
   for (const double value : {0.07, 1.0, 3.3, 40.0, 999.0, 1e5}) {  // each is in the bin of its edges

@@ -89,6 +89,7 @@ void check_steps() {
   const Coupled far = coupling.couple(executor, 0, Vec3(0.0, 0.0, 100.0));
   CHECK(far.center == Vec3(0.0, 0.0, 100.0) && far.force.isZero(0.0) && far.probes == 1);
   CHECK_THROWS(VirtualCoupling(0.0), "stiffness of the coupling must be positive and finite, got 0");
+  CHECK_THROWS(VirtualCoupling(5e-324), "stiffness of the coupling must be at least 1e-6 N/mm, got");
 }
 
 /// The hand meets contact and spring in series, k k_c/(k + k_c), never more than the spring.

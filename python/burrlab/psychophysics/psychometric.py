@@ -320,11 +320,11 @@ class PsychometricFit:
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
-        # In the upper left, away from the rising curve; beside the point the text would leave the frame.
+        # in the lower right, which neither curve nor points reach; beside the point the text would leave the frame
         ax.text(
-            0.02, 0.98,
+            0.98, 0.02,
             f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
-            transform=ax.transAxes, color=VELOCITY, fontsize=8, va="top",
+            transform=ax.transAxes, color=VELOCITY, fontsize=8, ha="right", va="bottom",
         )  # fmt: skip
         ax.text(0.98, self.guess_rate, "chance", transform=ax.get_yaxis_transform(), color=REFERENCE, fontsize=8,
                 ha="right", va="bottom")  # fmt: skip

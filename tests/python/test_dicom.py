@@ -168,7 +168,7 @@ GAP = r"1\.5 mm between slices {} and {} .*0\.75 mm apart"
         (slice_of(3, position=(6, 2, 5.25)), r"sheared, .*: 5 mm sideways from slice000\.dcm to slice003\.dcm"),
         (slice_of(3, RescaleSlope="0", RescaleIntercept="0"), r"slice003\.dcm: RescaleSlope must be a number"),
         (slice_of(3, BitsStored=20, HighBit=19), r"slice003\.dcm: grey values by a table .* are not read"),
-        (slice_of(3, BitsStored=12, HighBit=15), r"slice003\.dcm: grey values .*, or not in the lowest bits are not read"),
+        (slice_of(3, BitsStored=12, HighBit=15), r"slice003\.dcm: grey values .*, or not in the lowest bits, are not read"),
         (lambda folder: (folder / "slice000.dcm").write_bytes(
             (folder / "slice000.dcm").read_bytes() + 6000 * b"\xfe\xff\x00\xe0\0\0\0\0"),
          "a slice must have at most 5000 items of sequences, got 6000"),

@@ -96,7 +96,7 @@ class _Slice:
         stored, highest = (short_of(attributes, keyword) for keyword in ("BitsStored", "HighBit"))
         refuse(
             "ModalityLUTSequence" in attributes or stored > self.bits or highest not in (-1, stored - 1),
-            f"{name}: grey values by a table (Modality LUT), of more bits than are allocated, or not in the lowest bits "
+            f"{name}: grey values by a table (Modality LUT), of more bits than are allocated, or not in the lowest bits, "
             "are not read",
         )
         shades = text_of(attributes, "PhotometricInterpretation")

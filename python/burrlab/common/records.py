@@ -309,7 +309,9 @@ class InJson(AsDict):
 
         def made(values: Mapping[str, Any]) -> Any:
             result = cls.from_dict(values)
-            getattr(result, "_check_whole", result.__repr__)()
+            getattr(
+                result, "_check_whole", getattr(result, "report", result.__repr__)
+            )()  # finds what is missing
             return result
 
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:

@@ -262,7 +262,7 @@ class Comparison(InJson, Tabulated):
                     color=look["color"],
                     alpha=0.2,
                     linewidth=0,
-                    label="90 % band" if k == 0 else None,
+                    label="90 % band" if k == 0 and v.radius.min() == R else None,
                 )
                 ax.plot(F, ratio, **look)
         ax.axhline(1, color=REFERENCE, linewidth=0.8)

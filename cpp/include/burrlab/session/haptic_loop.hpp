@@ -123,7 +123,7 @@ class BURRLAB_API HapticLoop {
   std::atomic<std::int64_t> heartbeat_{0};
   std::atomic<bool> running_{false}, stopping_{false};
   std::atomic<bool> started_{false};
-  std::mutex life_mutex_;  // of the next three; the threads never take it
+  std::mutex life_mutex_;  // of the next four; the threads never take it
   bool claimed_ = false;   // by this loop
   std::size_t begun_ = 0;  // devices whose start was called
   std::thread thread_, watchdog_;

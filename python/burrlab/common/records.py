@@ -309,9 +309,8 @@ class InJson(AsDict):
 
         def made(values: Mapping[str, Any]) -> Any:
             result = cls.from_dict(values)
-            getattr(
-                result, "_check_whole", getattr(result, "report", result.__repr__)
-            )()  # finds what is missing
+            look = getattr(result, "_check_whole", getattr(result, "report", result.__repr__))
+            look()  # finds what is missing
             return result
 
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:

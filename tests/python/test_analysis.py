@@ -217,6 +217,13 @@ _NONE = r"a\.json: this is not the JSON of a analysis"
     [
         *((content, _NONE) for content in (b"", b"[" * 100_000, b"\xff\xfe", b"[]")),
         *(({"tasks": part}, r"a\.json: ") for part in (5, [{"subjects": None}], None)),
+        *(
+            (
+                {"tasks": [task | {"subjects": [one | {"d_prime": []} for one in task["subjects"]]}]},
+                r"a\.json: ",
+            )
+            for task in analyse({"probing": THREE}).to_dict()["tasks"]
+        ),
         ({"burrlab analysis": None}, r"a\.json: .*'burrlab analysis' must be 1, got None"),
     ],
 )

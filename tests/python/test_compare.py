@@ -213,6 +213,16 @@ def test_report_figure_and_json():
             ValueError,
             r"names must be 2 different texts: got \[None, 1\]",
         ),
+        (
+            lambda: replace(compare(A, B), pairs=()),
+            ValueError,
+            "pairs must be 1, of 2 sets two by two: got 0",
+        ),
+        (
+            lambda: replace(compare(A, B).pairs[0].velocity, lower=np.ones(1)),
+            ValueError,
+            "lower must have .* values, as many as radius: got 1",
+        ),
     ],
 )
 def test_what_is_refused(call, error, match):

@@ -68,7 +68,7 @@ ALONE = _core.Replica("127.0.0.1", 1)
         *((lambda _, recipe=recipe: make_bone(recipe), "recipe must be that of block_recipe or volume_recipe, got") for recipe in [
             {}, {"kind": "sphere"}, {"kind": "volume"},
             *(BLOCK | change
-              for change in ({"size_mm": None}, {"size_mm": [1, 1, 1, 1]}, {"level": 256}, {"level": 10**30}, {"level": np.inf})),
+              for change in ({"size_mm": None}, {"size_mm": [1, 1, 1, 1]}, {"level": 256}, {"level": 10**30}, {"level": np.inf}, {"levl": 9})),
             *({"kind": "volume", "path": "v.nrrd", "map": [0, 1]} | change
               for change in ({"map": []}, {"map": [[0, 1]]}, {"map": "ab"}, {"map": [1, 0]}, {"voxel_mm": [1, 2]},
                              {"crop_mm": [[1, 2, 3]]}, {"path": 3})),

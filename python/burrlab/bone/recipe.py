@@ -37,9 +37,9 @@ from burrlab.bone.snapshot import bone_source, holds_bone, load_bone, tissues_fr
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import CachedParts, Entry
-from burrlab.common.check import refuse, require_type, scalar
+from burrlab.common.check import nearest, refuse, require_type, scalar, shown
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE, law_of
+from burrlab.common.records import UNREADABLE, in_one_line, law_of
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
 
@@ -81,6 +81,12 @@ class BoneRecipe(ABC):
         Without the key `transpose`, as in recipes of earlier versions, slices are not transposed.
         """
         arguments = {}
+        known = [each.metadata["key"] for each in fields(cast(Any, cls))]
+        for key in plain:  # of notes a session's source has a list
+            refuse(
+                key not in ("kind", "notes", *known),
+                f"recipe must not have the key {shown(key)}{nearest(key, known)}",
+            )
         for each in fields(cast(Any, cls)):
             metadata = each.metadata
             value = plain.get(metadata["key"])
@@ -905,8 +911,8 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     """
     try:
         built = _RECIPES[recipe["kind"]].of(recipe)
-    except UNREADABLE:
+    except UNREADABLE as error:
         raise ValueError(
-            f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
+            f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)} ({in_one_line(error)})"
         ) from None
     return (built if volume is None else built.at(volume)).bone()

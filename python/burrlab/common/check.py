@@ -9,7 +9,7 @@ import os
 import re
 import reprlib
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -62,6 +62,16 @@ def check_positive(name: str, value: float) -> None:
     if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__") or np.ndim(value):
         raise TypeError(f"{name} must be a number, got {shown(value)}")
     refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
+
+
+def check_same_length(**columns: Sized) -> None:
+    """ValueError unless all have as many values as the first."""
+    (first, values), *others = columns.items()
+    for name, column in others:
+        refuse(
+            len(column) != len(values),
+            f"{name} must have {len(values)} values, as many as {first}: got {len(column)}",
+        )
 
 
 def seed_or_new(seed: int | None) -> int:

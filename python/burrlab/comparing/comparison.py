@@ -1,5 +1,6 @@
 """Whether data sets are of one material: ratios of their constants, a joint test, equivalent velocities."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from burrlab.common.check import refuse, scalar, shown
+from burrlab.common.check import check_same_length, refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
@@ -76,6 +77,10 @@ class VelocityRatio:
     middle: tuple[float, float]  #: R [mm] and the geometric mean of the shared forces [N]
     at_middle: Ratio  #: the ratio there, its interval at the level of the other ratios
 
+    def __post_init__(self) -> None:
+        columns = ("radius", "force", "ratio", "lower", "upper")
+        check_same_length(**{name: getattr(self, name) for name in columns})
+
 
 @dataclass(frozen=True)
 class ComparedPair:
@@ -112,6 +117,13 @@ class Comparison(InJson, Tabulated):
     margin: float | None
     pairs: tuple[ComparedPair, ...]
     provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        n = math.comb(len(self.sets), 2)
+        refuse(
+            len(self.pairs) != n,
+            f"pairs must be {n}, of {len(self.sets)} sets two by two: got {len(self.pairs)}",
+        )
 
     @property
     def verdict(self) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from burrlab.common.check import nearest, refuse
+from burrlab.common.check import check_same_length, nearest, refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.likelihood import Likelihood
@@ -81,6 +81,9 @@ class Region:
     lower: Floats
     upper: Floats
     open_above: bool  #: the region has no upper end in c_e
+
+    def __post_init__(self) -> None:
+        check_same_length(c_e=self.c_e, lower=self.lower, upper=self.upper)
 
     def __contains__(self, point: tuple[float, float]) -> bool:
         c_e, alpha = point
@@ -154,6 +157,8 @@ class Profile:
     base: float = 0.0
 
     def __post_init__(self) -> None:
+        check_same_length(c_e=self.c_e, c_e_rise=self.c_e_rise, best_alpha=self.best_alpha)
+        check_same_length(alpha=self.alpha, alpha_rise=self.alpha_rise)
         object.__setattr__(
             self, "intervals", ByName({name: ByLevel(levels) for name, levels in self.intervals.items()})
         )

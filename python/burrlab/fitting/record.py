@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import refuse
+from burrlab.common.check import check_same_length, refuse
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
@@ -286,6 +286,9 @@ class Evidence:
     plausibility: Plausibility | None = None
     rows: tuple[Row, ...] = ()
     mixed: MixedEvidence | None = None
+
+    def __post_init__(self) -> None:
+        check_same_length(shares=self.shares, scatters=self.scatters)
 
     @property
     def doubt(self) -> tuple[str, str] | None:

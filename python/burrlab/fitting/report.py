@@ -23,7 +23,7 @@ _RESIDUALS = {
     "student": "Student's t with 4 degrees of freedom, r = ln(v/v_predicted)",
 }
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
-_HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
+_HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "search bounds"]
 
 
 def text(fit: FitRecord, verbose: bool) -> str:

@@ -155,7 +155,12 @@ def test_leader_and_replica(start, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "delay"), [("SIGTERM", 0.5), ("SIGHUP", 0.5), ("SIGTERM", 0.0), ("SIGHUP", 0.01)]
+    ("name", "delay"),
+    [
+        ("SIGTERM", 0.5),
+        ("SIGHUP", 0.01),
+        *(pytest.param(*late, marks=pytest.mark.slow) for late in (("SIGHUP", 0.5), ("SIGTERM", 0.0))),
+    ],
 )
 def test_interrupted_session_is_whole(start, tmp_path, name, delay):
     """The trace is as whole as after Ctrl-C, which ends the leader above; also while the session begins."""

@@ -152,7 +152,9 @@ class TestAnswers:
             other.constants == "" and other.fit is None for other in compared.rows if other.contradicted
         )
 
-    @pytest.mark.parametrize("largest", [0.95, 1.5, 2.4, 4.8])
+    @pytest.mark.parametrize(
+        "largest", [0.95, 4.8, *(pytest.param(x, marks=pytest.mark.slow) for x in (1.5, 2.4))]
+    )
     def test_proportional(self, largest):
         """Of Preston's law, which the paper's fit calls implausible, s is within 0.08 of 1."""
         curve = proportional(largest)

@@ -84,12 +84,15 @@ def test_claims_of_the_paper(here):
         "view",
         "fit",
         "session",
+        "index",
     ],
 )
 def test_blocks_run(name, here):
     """The blocks of a page run one after the other."""
-    found = blocks(f"{name}.md")
-    assert len(found) > 0
+    assert (found := blocks(f"{name}.md"))
+    burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.5, 1.0, 2.0], seed=1).to_csv(
+        "lab.csv"
+    )
     if name == "experiment":  # its blocks need answers; TerminalSeat needs a terminal
         found = [block for block in found if "TerminalSeat" not in block]
         simulated = "--simulated --subject 01 --fast --task probing"

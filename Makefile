@@ -123,14 +123,14 @@ wheel: $(VENV)/tools
 	$(BIN)/check-wheel-contents dist/*.whl
 	$(BIN)/twine check --strict dist/*.whl
 
-# All of a release but tag and upload (docs/releasing.md): the source distribution makes what the checkout makes.
-release-check: wheel
-	git diff --quiet HEAD || { echo "commit first: a release is a commit"; exit 1; }
+# All of a release but tag and upload (docs/releasing.md): the source distribution builds, tests and makes its site by itself.
+release-check:
+	test -z "$$(git status --porcelain)" || { echo "commit first: a release is a commit"; exit 1; }
+	$(MAKE) wheel
 	$(BIN)/python -m build -q --sdist --outdir dist .
 	$(BIN)/twine check --strict dist/*
-	rm -rf build/release && $(PYTHON) -m venv build/release
-	build/release/bin/python -m pip install -q --disable-pip-version-check dist/*.tar.gz
-	cd build/release && bin/burrlab descend --material bone --force 1 --radius 3 --voxel 0.3 --seed 1
+	rm -rf build/release && mkdir build/release && tar xzf dist/*.tar.gz -C build/release --strip-components=1
+	$(MAKE) -C build/release VENV=.venv demo test docs
 	ls -l dist
 
 WINDOWS = $(BIN)/cmake -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \

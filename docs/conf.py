@@ -140,15 +140,16 @@ def page_texts() -> dict[str, str]:
 
 
 def see_also(path: str, found: object, texts: dict[str, str]) -> str:
-    """Links to the pages that call a name, or what makes it, or have it in backticks, for the end of its own page."""
+    """Links to the pages that call a name, or what makes it, or have it in backticks, else to its package's page."""
     _, *packages, name = path.split(".")
     if inspect.isclass(found) and (maker := MAKER.search(found.__doc__ or "")):
         name = rf"(?:{name}|{maker[1]})"
     way = "".join(rf"(?:{package}\.)?" for package in ("burrlab", *packages))
     called = re.compile(rf"(?<![\w.]){way}{name}\(|`{way}{name}(?:\(.*?\))?`")
     pages = [page for page, text in texts.items() if called.search(text)]
-    listing = "".join(f"   * :doc:`{page}`\n" for page in pages)
-    return f"\n.. seealso::\n\n{listing}" if pages else ""
+    home = "/docs/" + {"": "model", "volume": "volumes"}.get("".join(packages), "".join(packages))
+    listing = "".join(f"   * :doc:`{page}`\n" for page in pages or [home])
+    return f"\n.. seealso::\n\n{listing}"
 
 
 def entry(path: str, found: object, texts: dict[str, str]) -> str:

@@ -75,5 +75,6 @@ def summary(results: Results) -> Iterator[str]:
     for row in results["limits"]:
         yield (
             f"{row['scene']}: {1e-6 * row['bytes_touched']:.3g} MB a tick, {row['limit_us']:.3g} us at the "
-            f"bandwidth; measured {row['measured_us']:.4g} us ({row['cpu_path']}), {row['measured_over_limit']:.2g} times"
+            f"bandwidth; measured {row['measured_us']:.4g} us ({row['cpu_path']}), {row['measured_over_limit']:.2g} times: "
+            "arithmetic bounds it (docs/hierarchy.md)"
         )

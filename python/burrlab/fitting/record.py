@@ -288,7 +288,8 @@ class Evidence:
     mixed: MixedEvidence | None = None
 
     def __post_init__(self) -> None:
-        check_same_length(shares=self.shares, scatters=self.scatters)
+        if self.mixed is None:  # else there is one share, of all
+            check_same_length(shares=self.shares, scatters=self.scatters)
 
     @property
     def doubt(self) -> tuple[str, str] | None:

@@ -43,7 +43,7 @@ PYBIND11_MODULE(_core, m) {
   for (const char* name : {"Burr", "Material", "VoxelBone"})
     m.attr(name).attr("_repr_html_") = py::cpp_function(
         [](const py::object& shown) {
-          return py::module_::import("burrlab.common.table").attr("object_html")(shown);
+          return py::module_::import("burrlab.bone.image").attr("object_html")(shown);
         },
         py::name("_repr_html_"), py::is_method(m.attr(name)), "A table for notebooks.");
 }

@@ -14,7 +14,38 @@ from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, refuse, require_type, scalar
 from burrlab.common.progress import doing
-from burrlab.common.table import object_html
+from burrlab.common.table import html_table
+
+# What the table of an object shows: its attributes, and their units.
+_OBJECTS = {
+    "Burr": {"radius": "mm"},
+    "Material": {
+        "name": "",
+        "c_e": "N/mm²",
+        "alpha": "1/ms",
+        "shape": "",
+        "source": "",
+        "force_exponent": "",
+        "rate_exponent": "",
+    },
+    "VoxelBone": {"shape": "z, y, x", "spacing": "mm", "origin": "mm", "mass": "mm³", "removed": "mm³"},
+    "Volume": {"values": "z, y, x", "spacing": "mm", "origin": "mm", "path": ""},
+}
+
+
+def object_html(instance: object) -> str:
+    """HTML of a burr, material, bone or volume: a row an attribute."""
+    rows = _OBJECTS[(kind := type(instance).__name__)]
+    names = [f"{name} [{unit}]" if unit else name for name, unit in rows.items()]
+    return html_table(kind, {"": names, kind: [_plain(getattr(instance, name)) for name in rows]})
+
+
+def _plain(value: Any) -> str:
+    value = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) and value.ndim == 3 else value
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        return "(" + ", ".join(_plain(part) for part in value) + ")"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
 
 #: Corners of a box: 0 or 1 for its two ends along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])

@@ -5,7 +5,8 @@ from typing import Any
 
 from burrlab._core import Material, paper_materials
 from burrlab.common.check import nearest
-from burrlab.common.records import PAPER_LAW, law_of
+from burrlab.common.figures import SERIES
+from burrlab.theory.tool import PAPER_LAW, law_of
 
 
 class Materials(Mapping[str, Material]):
@@ -62,3 +63,5 @@ def material_of(constants: Mapping[str, Any], name: str, source: str = "") -> Ma
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:
 #: the paper states neither them nor its voxel size.
 materials = Materials(*paper_materials())
+#: Look of each of them in a figure of several, wherever it stands.
+MATERIAL_LOOKS = dict(zip(("expert", "pettigrew", "bone", "pvc"), SERIES, strict=False))

@@ -39,7 +39,8 @@ from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_
 from burrlab.common.cache import CachedParts, Entry
 from burrlab.common.check import nearest, refuse, require_type, scalar, shown
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE, in_one_line, law_of
+from burrlab.common.records import UNREADABLE, in_one_line
+from burrlab.theory.tool import law_of
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
 

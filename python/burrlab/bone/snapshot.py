@@ -30,7 +30,8 @@ from burrlab.common.files import (
     put_attributes,
 )
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE, in_one_line, law_of
+from burrlab.common.records import UNREADABLE, in_one_line
+from burrlab.theory.tool import law_of
 
 if TYPE_CHECKING:
     import h5py

@@ -34,8 +34,9 @@ from burrlab.bone.snapshot import tissues_to_json
 from burrlab.common.check import amend_error, refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE, in_one_line, law_of
+from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
+from burrlab.theory.tool import law_of
 
 #: Name of the tissue of voxels without a structure in the segmentation.
 UNLABELLED = "unlabelled"

@@ -51,8 +51,8 @@ from burrlab.cli.recipe import (
 )
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import write_text
-from burrlab.common.records import law_of
 from burrlab.theory.continuum import Law
+from burrlab.theory.tool import law_of
 
 _BLOCK = (30.0, 30.0, 10.0)  # the block of a session without a volume, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]

@@ -24,8 +24,8 @@ from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import Axes
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
-from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import Column, Problem, Table, not_negative
+from burrlab.theory.tool import PAPER_LAW
 
 Options = argparse.Namespace
 Numbers = tuple[float, float, float]

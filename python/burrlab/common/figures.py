@@ -39,8 +39,6 @@ SERIES = tuple(
         ("#56B4E9", "v", (0, (6, 1))), ("#009E73", "P", (0, (4, 1, 1, 1, 1, 1))), ("#CC79A7", "X", (0, (2, 2))),
     )
 )  # fmt: skip
-#: Look of each shipped material in a figure of several, wherever it stands.
-MATERIALS = dict(zip(("expert", "pettigrew", "bone", "pvc"), SERIES, strict=False))
 #: Widths of a column and of a page of a journal [inch].
 WIDTHS = {"single": 3.5, "double": 7.0}
 _SHARED = """`ax` is where to draw, a new figure by default; a second plot there widens the limits and adds to the legend.

@@ -29,7 +29,6 @@ from typing import (
 
 import numpy as np
 
-from burrlab._core import Material
 from burrlab.common.check import refuse, shown
 from burrlab.common.files import write_text
 
@@ -89,16 +88,6 @@ def _real(text: str) -> float:
     return number
 
 
-#: Exponents of the paper's law (Eq. 3 and 4). Files and keys of stores hold those of another law only.
-PAPER_LAW = {"force_exponent": 1.5, "rate_exponent": 0.0}
-
-
-def law_of(owner: Any) -> dict[str, float]:
-    """The exponents of a material or law that are not the paper's."""
-    law = {name: getattr(owner, name) for name in PAPER_LAW}
-    return {name: exponent for name, exponent in law.items() if exponent != PAPER_LAW[name]}
-
-
 #: Key in JSON -> name of its field, or the function that derives its value.
 Keys: TypeAlias = Mapping[str, str | Callable[[Any], Any]]
 _SPELT = ("inf", "-inf", "nan")
@@ -119,7 +108,8 @@ class Codec:
         `json.dumps` and reads them in arrays only.
     keys : mapping
         Class -> key in JSON -> name of its field, or a function of the object for a derived value, which is
-        written and ignored in reading. Other classes are written with their fields, or by their state.
+        written and ignored in reading. Other classes are written with their fields, or by their state: a class of the
+        core with the one key ``"parts"`` as what this function gives.
     null : mapping
         (class, field) -> number that null stands for, if not NaN.
     kinds : mapping
@@ -195,10 +185,8 @@ class Codec:
 
     def _state(self, value: Any) -> Any:
         """What the core makes the object of again."""
-        parts = {key: getattr(value, str(name)) for key, name in self._known(type(value)).items()}
-        if parts and isinstance(value, Material):
-            parts |= law_of(value)
-        return self.plain(parts or value.__getstate__())
+        parts = self._known(type(value)).get("parts")
+        return self.plain(parts(value) if callable(parts) else value.__getstate__())
 
     def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
         if value is None and self._not_finite == "null":

@@ -26,6 +26,7 @@ from burrlab.theory.closed_forms import (
     settled_immersion,
     static_immersion,
 )
+from burrlab.theory.tool import law_of
 
 
 @by_value
@@ -226,7 +227,12 @@ class Descent(AsDict, Tabular):
 Descent._codec = Codec(
     "kept",
     keys={
-        Material: {name: name for name in ("name", "c_e", "alpha", "shape", "source")},
+        Material: {
+            "parts": lambda material: (
+                {name: getattr(material, name) for name in ("name", "c_e", "alpha", "shape", "source")}
+                | law_of(material)
+            )
+        },
         Descent: {
             "status": "status",
             "reason": "reason",

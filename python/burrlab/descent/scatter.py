@@ -16,11 +16,11 @@ from burrlab.common.check import check_positive, refuse, require_type, seed_or_n
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
-from burrlab.common.records import AsDict, Codec, law_of
+from burrlab.common.records import AsDict, Codec
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend, place_in_voxel
 from burrlab.descent.sweep import item_seed
-from burrlab.theory.tool import require_tool
+from burrlab.theory.tool import law_of, require_tool
 
 Floats = NDArray[np.float64]
 

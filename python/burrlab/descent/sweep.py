@@ -16,11 +16,10 @@ from burrlab.bone.specimen import Specimen, Vector
 from burrlab.common.check import real, refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.provenance import provenance
-from burrlab.common.records import law_of
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.tool import require_tool
+from burrlab.theory.tool import law_of, require_tool
 
 
 @runtime_checkable

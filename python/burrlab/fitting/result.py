@@ -14,10 +14,10 @@ from scipy import special
 
 import burrlab.fitting.report as report
 from burrlab._core import Material
+from burrlab.bone.materials import MATERIAL_LOOKS
 from burrlab.common.check import check_positive, refuse, scalar
 from burrlab.common.figures import (
     FORCE,
-    MATERIALS,
     POSITION,
     REFERENCE,
     SERIES,
@@ -759,7 +759,7 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     ax = axes_or_new(ax)
     bar: dict[str, Any] = {"marker": (2, 2, 45), "linestyle": "", "mew": 1.2}  # across a line that rises
     kinks: list[float] = []
-    shipped = {name: MATERIALS[name] for name in items if name in MATERIALS}
+    shipped = {name: MATERIAL_LOOKS[name] for name in items if name in MATERIAL_LOOKS}
     others = itertools.cycle([look for look in SERIES if look not in shipped.values()])
     for name, material in items.items():
         dress: dict[str, Any] = {"label": name, **(shipped.get(name) or next(others)), **style}

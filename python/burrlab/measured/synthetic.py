@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike
 from burrlab._core import Burr, Material
 from burrlab.common.check import real, refuse, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
-from burrlab.common.records import law_of
 from burrlab.common.table import Floats
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.theory.continuum import mean_field_descent, penetration_velocity
-from burrlab.theory.tool import require_tool
+from burrlab.theory.tool import law_of, require_tool
 
 
 def synthetic_curve(

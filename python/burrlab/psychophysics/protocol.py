@@ -19,7 +19,7 @@ from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
 from burrlab.common.check import amend_error, refuse, shown
-from burrlab.common.records import PAPER_LAW, in_one_line
+from burrlab.common.records import in_one_line
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import (
@@ -37,6 +37,7 @@ from burrlab.psychophysics.side_car import SideCar, digest, read_side_car
 from burrlab.psychophysics.staircase import DESIGNS
 from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
+from burrlab.theory.tool import PAPER_LAW
 
 _REQUIRED = object()
 #: A rule in words, and a function that tells whether a value obeys it.

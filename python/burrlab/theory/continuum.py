@@ -21,8 +21,7 @@ import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import real, refuse, scalar
 from burrlab.common.figures import POSITION, Axes, axes_or_new, drawing, styled
-from burrlab.common.records import PAPER_LAW, law_of
-from burrlab.theory.tool import require_tool
+from burrlab.theory.tool import PAPER_LAW, law_of, require_tool
 
 Floats: TypeAlias = NDArray[np.float64]
 Number = TypeVar("Number", Floats, float, Floats | float)

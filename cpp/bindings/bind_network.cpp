@@ -76,7 +76,6 @@ void bind_publisher(py::module_& m) {
       .def_property_readonly("port", &Publisher::port, "It listens here; 0: nowhere.")
       .def_property_readonly("vrpn_port", &Publisher::vrpn_port,
                              "It listens to VRPN's clients here; 0: nowhere.")
-      .def_property_readonly("host", [](const Publisher& p) { return p.settings().host; })
       .def_property_readonly("session", &Publisher::session, "Random number that names the session")
       .def_property_readonly(
           "status", [](const Publisher& p) { return to_dict(p.status()); },

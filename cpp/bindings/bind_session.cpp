@@ -74,11 +74,7 @@ void bind_executor(py::module_& m) {
           },
           "burr"_a, "center"_a, "The contact of a burr at a centre [mm], without erosion.")
       .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")
-      .def_property_readonly("bone", &TickExecutor::bone)
-      .def_property_readonly("burrs", &TickExecutor::burrs)
-      .def_property_readonly(
-          "period", [](const TickExecutor& e) { return e.setup().period; }, "[ms]")
-      .def_property_readonly("seed", [](const TickExecutor& e) { return e.setup().seed; });
+      .def_property_readonly("bone", &TickExecutor::bone);
 
   py::class_<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
       .def_property_readonly("name", &Device::name)
@@ -186,8 +182,7 @@ void bind_haptic_loop(py::module_& m) {
            "loop"_a, py::keep_alive<1, 2>())
       .def("take", &take, "most"_a = 100000,
            "(records, lost): at most `most` records since the last call, (n,) record_dtype; lost is True if "
-           "the ring has overwritten the next one.")
-      .def_property_readonly("behind", &RecordReader::behind, "Records not yet taken");
+           "the ring has overwritten the next one.");
 
   const LoopSettings defaults;
   py::class_<HapticLoop, std::shared_ptr<HapticLoop>>(
@@ -260,8 +255,7 @@ void bind_haptic_loop(py::module_& m) {
                              "CPU time of a tick")
       .def_property_readonly("wall_time", &HapticLoop::wall_time, py::return_value_policy::reference_internal,
                              "Wall time of a tick")
-      .def_property_readonly("executor", &HapticLoop::executor)
-      .def_property_readonly("first_tick", &HapticLoop::first_tick, "Index of the first tick");
+      .def_property_readonly("executor", &HapticLoop::executor);
 }
 
 void bind_flat_file(py::module_& m) {

@@ -487,7 +487,7 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         found["m"] = replace(found["m"], if_harder=float(lowest.m.flat[np.argmin(lowest.heights())]))
         rise = np.min([scan.heights(law.rate_exponent).min(axis=1) for scan in of_k], axis=0)
         found["k"] = replace(found["k"], if_harder=_exponent("k", _K, rise, {}).value)
-    return _told(found, likelihood.lack_of(scans), apart)
+    return _spared(found, likelihood.lack_of(scans), apart)
 
 
 def _of_shapes(likelihood: LawLikelihood, shape: Shape, qs: Sequence[float] | None) -> list[list[Scan]]:
@@ -528,7 +528,7 @@ def _apart(likelihood: LawLikelihood, pooled: float) -> HypothesisTest:
     ))  # fmt: skip
 
 
-def _told(
+def _spared(
     found: Mapping[str, Exponent], lack: HypothesisTest | None, apart: HypothesisTest | None
 ) -> tuple[dict[str, Exponent], HypothesisTest | None]:
     """Exponents, and a test that takes intervals from some.

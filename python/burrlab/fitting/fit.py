@@ -298,7 +298,7 @@ def fit(
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
-            **_told(observations, beliefs),
+            **_groups_and_known(observations, beliefs),
             **({} if voxels is None else voxels._described()),
         ),
     )
@@ -309,7 +309,7 @@ def _range_of(law: Law, plausible: Bounds | None) -> Bounds | None:
     return _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
 
 
-def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
+def _groups_and_known(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
     """Groups and known values, where there are any, as the provenance keeps them."""
     groups = [group.name for group in observations.groups]
     known = {name: (value, deviation) for name, value, deviation in beliefs}

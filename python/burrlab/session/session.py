@@ -171,7 +171,10 @@ class Session:
         self._writer = None
         if record is not None:
             try:
-                self._writer = self._open_trace(record, room, ticks_per_digest * period / 1e3)
+                self._writer = TraceWriter(
+                    record, RecordReader(self.loop), self._executor.bone, self.tools, self.provenance, duration=room,
+                    digest_every=ticks_per_digest * period / 1e3, on_end=functools.partial(_say_weakly, weakref.ref(self)),
+                )  # fmt: skip
             except BaseException:
                 if self._publisher is not None:
                     self._publisher.stop()  # a caller that keeps the exception would keep the port open
@@ -253,14 +256,6 @@ class Session:
             devices=[device.name for device in self.devices],
             force_limit_N=safety.force_limit, slew_limit_N_per_ms=safety.slew_limit, coupling_N_per_mm=safety.coupling,
             wall_clock=clock.wall_clock, **{name: rule for name, rule in rules.items() if rule is not None},
-        )  # fmt: skip
-
-    def _open_trace(
-        self, record: str | os.PathLike[str], duration: float, digest_every: float
-    ) -> TraceWriter:
-        return TraceWriter(
-            record, RecordReader(self.loop), self._executor.bone, self.tools, self.provenance, duration=duration,
-            digest_every=digest_every, on_end=functools.partial(_say_weakly, weakref.ref(self)),
         )  # fmt: skip
 
     def start(self) -> "Session":

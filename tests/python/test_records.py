@@ -91,7 +91,7 @@ class Everything:
 CODEC = Codec(
     keys={Everything: {name: name for name in Everything.__annotations__ if name != "number"}
           | {"number_mm": "number", "twice": lambda thing: 2 * thing.number},
-          Material: {name: name for name in ("name", "c_e", "alpha", "shape", "source")}},
+          Material: {"parts": lambda m: {x: getattr(m, x) for x in ("name", "c_e", "alpha", "shape", "source")}}},
     null={(Everything, "farthest"): math.inf}, kinds={"inner": Inner, "other": Other},
 )  # fmt: skip
 WHOLE = Everything(

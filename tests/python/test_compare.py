@@ -221,7 +221,7 @@ def test_report_figure_and_json():
         (
             lambda: replace(compare(A, B).pairs[0].velocity, lower=np.ones(1)),
             ValueError,
-            "lower must have .* values, as many as radius: got 1",
+            "lower must have .* values, one a radius: got 1",
         ),
     ],
 )

@@ -168,10 +168,10 @@ class TestHonesty:
           for text in ("[1]", '{"c_e": 1}')),
         *((lambda what=part, changes=changes: replace(what(fitted("wide").evidence), **changes), ValueError, match)
           for part, changes, match in (  # lists of a file that were shortened by hand
-              (lambda e: e, {"scatters": ()}, "scatters must have 1 values, as many as shares: got 0"),
-              (lambda e: e.profile, {"best_alpha": np.ones(2)}, r"best_alpha must have \d+ values, as many as c_e: got 2"),
-              (lambda e: e.profile, {"alpha": np.ones(2)}, r"alpha_rise must have 2 values, as many as alpha: got \d+"),
-              (lambda e: e.profile.regions["95"], {"upper": np.ones(2)}, r"upper must have \d+ values, as many as c_e: got 2"),
+              (lambda e: e, {"scatters": ()}, "scatters must have 1 values, one a share: got 0"),
+              (lambda e: e.profile, {"best_alpha": np.ones(2)}, r"best_alpha must have \d+ values, one a c_e: got 2"),
+              (lambda e: e.profile, {"alpha": np.ones(2)}, r"alpha_rise must have 2 values, one a alpha: got \d+"),
+              (lambda e: e.profile.regions["95"], {"upper": np.ones(2)}, r"upper must have \d+ values, one a c_e: got 2"),
           )),
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
         (lambda: fitted("wide").plot(alpha_lines="0.01"), ValueError, "alpha_lines must be of real numbers"),

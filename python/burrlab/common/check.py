@@ -65,12 +65,12 @@ def check_positive(name: str, value: float) -> None:
 
 
 def check_same_length(**columns: Sized) -> None:
-    """ValueError unless all have as many values as the first."""
+    """ValueError unless each has a value for one of the first."""
     (first, values), *others = columns.items()
     for name, column in others:
         refuse(
             len(column) != len(values),
-            f"{name} must have {len(values)} values, as many as {first}: got {len(column)}",
+            f"{name} must have {len(values)} values, one a {first}: got {len(column)}",
         )
 
 

@@ -20,7 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, Type
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.common.check import extra, real, refuse, scalar, shown
+from burrlab.common.check import check_same_length, extra, real, refuse, scalar, shown
 from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
@@ -532,12 +532,7 @@ class TableData(Tabular):
                 raise ValueError(f"{name} {problem}")
         object.__setattr__(self, "source", " ".join(str(source or "").split()).rstrip(", "))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
-        first, *others = self._columns().items()
-        for name, values in others:
-            refuse(
-                len(values) != len(self),
-                f"{name} must have {len(self)} values, one a {first[0]}: got {len(values)}",
-            )
+        check_same_length(**self._columns())
         object.__setattr__(self, "groups", self._labels(groups, specimen))
 
     def _labels(self, groups: Mapping[str, Any] | None, specimen: Any) -> dict[str, tuple[str, ...]]:
@@ -698,8 +693,8 @@ def _same(a: object, b: object) -> bool:
     """Whether two values of a field are equal; NaN equals NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
-    if type(a) is type(b) and hasattr(a, "digest"):  # a bone's
-        return bool(a.digest() == b.digest())  # type: ignore[attr-defined]
+    if type(a) is type(b) and callable(digest := getattr(a, "digest", None)):  # a bone's
+        return bool(digest() == b.digest())  # type: ignore[attr-defined]
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
     if isinstance(a, list | tuple) and type(a) is type(b):

@@ -289,7 +289,7 @@ class Evidence:
 
     def __post_init__(self) -> None:
         if self.mixed is None:  # else there is one share, of all
-            check_same_length(shares=self.shares, scatters=self.scatters)
+            check_same_length(share=self.shares, scatters=self.scatters)
 
     @property
     def doubt(self) -> tuple[str, str] | None:

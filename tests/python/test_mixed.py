@@ -15,9 +15,9 @@ from session_scenes import refused
 import burrlab
 from burrlab import Indentation, VelocityCurve
 from burrlab.comparing.paired import ERROR
+from burrlab.fitting.group_effects import _size
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, Slopes, components_of
-from burrlab.fitting.mixed import _size
 from burrlab.fitting.profile import C_E
 
 BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]

@@ -16,9 +16,10 @@ from burrlab.common.check import refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
+from burrlab.fitting.group_effects import MixedEvidence
 from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, fitted_again
+from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows
 from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
 from burrlab.fitting.record import FitRecord

@@ -27,18 +27,16 @@ from burrlab.fitting.diagnostics import (
     order_tests,
     plausibility,
 )
-from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
-from burrlab.fitting.linear import Component, Uncertain, check_names, check_offsets, components_of
-from burrlab.fitting.mixed import (
+from burrlab.fitting.group_effects import (
     MixedEvidence,
-    MixedLikelihood,
-    against_indentation,
-    at_best_variances,
     effect_sentences,
     of_groups_alone,
     silent_groups,
     what_opens,
 )
+from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
+from burrlab.fitting.linear import Component, Uncertain, check_names, check_offsets, components_of
+from burrlab.fitting.mixed import MixedLikelihood, against_indentation, at_best_variances
 from burrlab.fitting.observations import (
     Bounds,
     Box,

@@ -14,8 +14,8 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
+from burrlab.fitting.group_effects import MixedEffect, MixedEvidence
 from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mixed import MixedEffect, MixedEvidence
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.repairs import Repair, Sensitivity, repairs, sensitivities

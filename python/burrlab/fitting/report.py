@@ -10,8 +10,9 @@ import numpy as np
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests, restarting
+from burrlab.fitting.group_effects import of_groups_alone
 from burrlab.fitting.linear import OFFSETS
-from burrlab.fitting.mixed import against_indentation, of_groups_alone
+from burrlab.fitting.mixed import against_indentation
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.measured.curve import VelocityCurve

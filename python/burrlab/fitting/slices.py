@@ -326,3 +326,50 @@ class StudentSlices(AlphaSlices):
             self.floor,
             (self.A / self.B)[points] + (g - self.m[points]) ** 2,
         )[0]
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureSlices(CurvedSlices):
+    """-2 log of a sum of likelihoods over alpha at each c_e; A, B and m have shape (len(c_e), parts)."""
+
+    @classmethod
+    def of(cls, c_e: Floats, A: Floats, B: Floats, m: Floats, n: int) -> "MixtureSlices":
+        """The lowest by Newton's method, or by the parts' mean where a step goes up."""
+        g = np.take_along_axis(m, A.argmin(axis=1)[:, None], axis=1)[:, 0]
+        slices = cls(c_e, A, B, m, np.zeros(len(c_e)), n, True, 0.0, True, g, g)
+        for _ in range(_ROUNDS):
+            slope, bend, stiff = slices._slope(g)
+            step = slope / np.maximum(np.where(bend > 0.2 * stiff, bend, stiff), 1e-300)
+            g = g - step
+            if np.abs(step).max(initial=0.0) < _CLOSE:
+                break
+        return replace(slices, g=g, height=slices._over(g)[0])
+
+    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats]:
+        """See `CurvedSlices`."""
+        off = g[..., None] - self.m[points]
+        stiff = self.B[points] * off
+        q = self.A[points] + stiff * off
+        low = q.min(axis=-1)
+        with np.errstate(invalid="ignore"):
+            share = np.exp(-0.5 * (q - low[..., None]))
+            total = share.sum(axis=-1)
+            slope = 2 * np.einsum("...k,...k->...", share, stiff) / total
+        return np.where(np.isfinite(low), low - 2 * np.log(total), np.inf), slope
+
+    def _beyond(self, target: float, points: Rows) -> Floats:
+        """See `CurvedSlices`: where no part is below."""
+        return np.asarray(
+            np.sqrt(np.maximum(target + 2 * np.log(self.A.shape[1]) - self.A[points], 0.0) / self.B[points])
+        )
+
+    def _slope(self, g: Floats) -> tuple[Floats, Floats, Floats]:
+        """Half the slope of -2 log L by log alpha, half its curvature, and that without the parts' differences."""
+        A, B, off = self.A, self.B, g[:, None] - self.m
+        q = A + B * off**2
+        share = np.exp(
+            -0.5 * (np.where(np.isfinite(q), q, 1e300) - np.minimum(q.min(axis=1), 1e299)[:, None])
+        )
+        share /= np.maximum(share.sum(axis=1), 1e-300)[:, None]
+        slope, stiff = np.sum(share * B * off, axis=1), np.sum(share * B, axis=1)
+        return slope, stiff - np.sum(share * (B * off - slope[:, None]) ** 2, axis=1), stiff

@@ -9,9 +9,10 @@ import numpy as np
 
 from burrlab.common.check import refuse
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter, covariance_of
+from burrlab.fitting.group_effects import MixedEffect
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.linear import OFFSETS, slope_of
-from burrlab.fitting.mixed import MixedEffect, MixedLikelihood
+from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
 from burrlab.fitting.record import FitRecord

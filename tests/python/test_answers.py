@@ -246,12 +246,13 @@ def test_what_the_file_says_otherwise(tmp_path):
     ],
 )
 def test_a_side_car_that_was_changed(tmp_path, change, sentence):
-    _, path = begun(tmp_path, count=3)
-    file = path.with_suffix(".json")
-    car = json.loads(file.read_text())
-    text = change(car)
-    file.write_text(text if isinstance(text, str) else json.dumps(car))
+    """It stops those who read its answers; another subject begins, and the experimenter learns of it."""
+    one, path = begun(tmp_path, count=3)
+    car = json.loads(path.with_suffix(".json").read_text())
+    path.with_suffix(".json").write_text(text if isinstance(text := change(car), str) else json.dumps(car))
     refused((lambda: read_answers(path), f"events.json: {sentence}"))
+    with one.begin("02", "probing")[0] as file:
+        assert f"sub-01_task-probing_events.json: {sentence}" in file.notes[0]
 
 
 def _beside(name, **said):

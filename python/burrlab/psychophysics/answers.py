@@ -452,8 +452,8 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
     side_car : SideCar
         As at the start of the run.
     notes : tuple of str
-        Notes for the experimenter: whether a broken-off last line was cut, and whether an earlier version, without
-        force limits, began the run.
+        Notes for the experimenter: whether a broken-off last line was cut, whether an earlier version, without
+        force limits, began the run, and other subjects' side-cars that cannot be read.
     end : float
         Time of the end of the last answer, from the start of the run [s].
     """

@@ -673,14 +673,21 @@ class Protocol:
             If a file cannot be written.
         """
         car = self.side_car(subject, task, device=device, simulated=simulated)
-        before = sorted(self.folder.glob(f"sub-*/beh/sub-*_task-{task}_events.json"))[:1]
-        changes = "; ".join(
-            change for other in map(read_side_car, before) if other
-            for change in other.differences(car, across_subjects=True)
-        )  # fmt: skip
-        refuse(changes, f"{self.path}: others had another task {task}: {in_one_line(changes, 2000)}")
+        notes = []
+        for path in sorted(self.folder.glob(f"sub-*/beh/sub-*_task-{task}_events.json")):
+            try:
+                other = read_side_car(path)
+            except (ValueError, OSError) as error:  # it stops the analysis, not this subject
+                notes.append(f"the task was not compared with another subject's: {error}")
+                continue
+            if other is not None:
+                changes = in_one_line("; ".join(other.differences(car, across_subjects=True)), 2000)
+                refuse(changes, f"{self.path}: others had another task {task}: {changes}")
+                break
         self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)
-        return AnswerFile.create(self.data.answers(subject, task), car), self.order(subject, task)
+        file = AnswerFile.create(self.data.answers(subject, task), car)
+        file.notes = tuple(notes)
+        return file, self.order(subject, task)
 
     def resume(
         self,

@@ -66,7 +66,7 @@ def test_a_session_watches_and_metrics_tell(folder, session, capsys) -> None:
     assert json.loads(kept.read_text())["anatomy"] == anatomy
     metrics("--watch", "nerve", "--approach", "1.4", "--json", kept)
     other = json.loads(kept.read_text())["anatomy"]
-    assert [row["approach_mm"] for row in other["watch"]["structures"]] == [1.4]
+    assert [(row["approach_mm"], row["injury_mm3"]) for row in other["watch"]["structures"]] == [(1.4, 0.1)]
     assert other["events"][0]["tick"] < anatomy["events"][0]["tick"]
     assert "--watch must name structures of the trace's bone, got none" in metrics(
         "--watch", "none", status=2

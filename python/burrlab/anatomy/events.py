@@ -87,9 +87,11 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
     settings = json.loads(read_dataset(group, "settings"))
+    limits = [row[key] for row in settings["structures"] for key in ("approach_mm", "touch_mm", "injury_mm3")]
     refuse(
-        not all(isinstance(row["name"], str) for row in settings["structures"]),
-        "its structures must have names",
+        not all(isinstance(row["name"], str) for row in settings["structures"])
+        or not np.isfinite([settings["hysteresis_mm"], *limits]).all(),
+        "its structures must have names and limits",
     )
     refuse(group["events"].dtype != EVENT_DTYPE, "its events have other columns than this format has")
     events = read_only(read_dataset(group, "events", int(read_dataset(group, "events_recorded"))))

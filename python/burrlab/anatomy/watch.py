@@ -204,19 +204,16 @@ class Watch:
         self.core([1.0])  # the limits are checked there
 
     @classmethod
-    def of_settings(
-        cls, bone: VoxelBone, settings: Mapping[str, Any], progress: Progress | None = None
-    ) -> "Watch":
-        """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
-        rows = settings["structures"]
+    def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any], **other: Any) -> "Watch":
+        """A watch with these settings, but for `other` parameters, on an equal bone. ValueError, KeyError or
+        TypeError if invalid."""
+        recorded = {row["name"]: row for row in settings["structures"]}
+        names = other.get("structures", list(recorded))
         limits: dict[str, Any] = {
-            limit: {row["name"]: row[f"{limit}_{unit}"] for row in rows}
+            limit: {name: recorded[name][f"{limit}_{unit}"] for name in names if name in recorded}
             for limit, unit in (("approach", "mm"), ("touch", "mm"), ("injury", "mm3"))
         }
-        return cls(
-            bone, hysteresis=settings["hysteresis_mm"], structures=[row["name"] for row in rows], progress=progress,
-            **limits,
-        )  # fmt: skip
+        return cls(bone, **{"hysteresis": settings["hysteresis_mm"], "structures": names, **limits, **other})
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -161,7 +161,7 @@ LIMITS = {
     ),
 }
 WATCH = OptionGroup(
-    "critical structures, where the bone has tissues (docs/anatomy.md)",
+    "critical structures, where the bone has tissues; metrics: by default as recorded (docs/anatomy.md)",
     (
         option(
             "--watch",

@@ -140,9 +140,11 @@ def watch_asked_for(options: Options) -> bool:
     return any(getattr(options, name) is not None for name in ("watch", *LIMITS))
 
 
-def chosen_watch(options: Options, bone: VoxelBone) -> Watch | None:
-    """The watch that the options describe, None without anything to watch; ValueError if they do not fit the
-    bone."""
+def chosen_watch(
+    options: Options, bone: VoxelBone, recorded: Mapping[str, Any] | None = None
+) -> Watch | None:
+    """The watch that the options describe, the rest as recorded, None without anything to watch; ValueError if
+    they do not fit the bone."""
     limits: dict[str, Any] = {name: value for name in LIMITS if (value := getattr(options, name)) is not None}
     if options.watch == ["none"]:
         refuse_options(options, tuple(LIMITS), "goes with a watch, not with --watch none")
@@ -150,7 +152,8 @@ def chosen_watch(options: Options, bone: VoxelBone) -> Watch | None:
     if not watch_asked_for(options) and not critical_structures(bone):
         return None
     refuse_options(options, ("watch", *LIMITS), "needs a bone with tissues", bone.tissues is None)
-    return Watch(bone, structures=options.watch, progress=on_terminal(), **limits)
+    chosen = limits | ({"structures": options.watch} if options.watch else {}) | {"progress": on_terminal()}
+    return Watch.of_settings(bone, recorded, **chosen) if recorded else Watch(bone, **chosen)
 
 
 def do_session(options: Options) -> int:
@@ -402,7 +405,7 @@ def do_metrics(options: Options) -> None:
         watch_chosen = watch_asked_for(options)
         # The report was not recorded, the session was killed, or another watch is wanted.
         if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
-            watch = chosen_watch(options, trace.bone()) if watch_chosen else None
+            watch = chosen_watch(options, trace.bone(), trace.watch) if watch_chosen else None
             refuse(
                 watch_chosen and watch is None, "--watch must name structures of the trace's bone, got none"
             )

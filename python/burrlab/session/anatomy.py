@@ -217,7 +217,7 @@ def anatomy_report(
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
-            watch = Watch.of_settings(bone, trace.watch, watch_progress)
+            watch = Watch.of_settings(bone, trace.watch, progress=watch_progress)
         except UNREADABLE as error:
             raise ValueError(
                 f"{trace.path} is damaged: its watch cannot be set up ({in_one_line(repr(error))})"

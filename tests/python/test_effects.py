@@ -112,13 +112,17 @@ def test_the_budget_decides_how_fine() -> None:
 
 
 def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
-    """The parcels are the same each time. Bone that is restored buries no parcel."""
-    ended(session(1.0, record=tmp_path / "trace.h5"))
+    """The parcels are the same each time, and the water lasts as long as the trace. Bone that is restored buries no
+    parcel."""
+    ended(session(0.98, record=tmp_path / "trace.h5"))
     trace, parcels = load_trace(tmp_path / "trace.h5"), []
     for _ in range(2):
         player = TracePlayer(trace)
-        effects = Effects(player.bone, seed=1)
-        assert list(effects_of(player, effects)) == pytest.approx(np.arange(1, 21) * 0.05)
+        effects = Effects(player.bone, seed=1, nozzle=WATER)
+        assert [
+            *effects_of(player, effects),
+            effects.balance()["water"].made * effects.quantum / WATER.rate,
+        ] == pytest.approx([*np.arange(1, 20) * 0.05, 0.98, 0.98])
         parcels.append(effects.parcels)
         assert effects.balance()["dust"].made == levels_removed(player.bone) > 0
     assert (parcels[0] == parcels[1]).all()

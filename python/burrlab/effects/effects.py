@@ -323,7 +323,7 @@ def effects_of(
     effects : Effects
         Without a budget the same trace gives the same parcels.
     rate : float
-        Frames a second of the trace [Hz].
+        Frames a second of the trace [Hz]. The last frame is shorter if the trace ends within it.
     frames : list of (seconds, tick, decision), optional
         `Companion.frames` of the recorded session, in place of the rate. With the companion's seed,
         parameters, nozzle and sucker they give its parcels again, to the bit. Changes made during the session
@@ -373,7 +373,9 @@ def _at_rate(player: TracePlayer, rate: float) -> Iterator[_Move]:
     for frame in itertools.count(1):
         if player.done == player.ticks:
             return
-        yield player.seek(min(begin + frame / rate, player.duration)), 1 / rate, None
+        end = begin + frame / rate
+        over = end - player.duration
+        yield player.seek(min(end, player.duration)), 1 / rate - (over if over > 1e-6 else 0.0), None
 
 
 def _stepped(player: TracePlayer, effects: Effects, moves: Iterable[_Move]) -> Iterator[float]:

@@ -96,6 +96,10 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         "0.203943243 2.75 4\n0.254929053 3.125 5\n",
         "ascii", ["--columns", "force=kgf,velocity=mm/s", "--unit", "force=kgf", "--sep", " "], ["kept apart: n"],
     ),
+    "integers before a last comma": (
+        "Run,Kraft [N],v (um/s)\n1,0.5,78.5,\n2,1,498,\n3,1.5,1498.2,\n4,2,2750,\n5,2.5,3125,\n",
+        "utf-8", ["--columns", NAMES, "--unit", "um/s"], ["separated by commas", "kept apart: Run\n"],
+    ),
     "our own headings with other columns": (
         "# source: bench 3\nforce_N,day,velocity_mm_s\n0.5,Mo,0.0785\n1,Tu,0.498\n1.5,We,1.4982\n2,,2.75\n2.5,Fr,3.125\n",
         "utf-8", [], ["other columns, kept apart: day\n"],
@@ -152,6 +156,14 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "number above 0, in mm/s: got -0.005; line 4, column v (um/s): 'fast' is not a number; line 5: 3 fields are due, "
          "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: '-' is not a number: leave the field empty "
          "where there is none; line 7, column v (um/s): "),
+        # commas that may stand in decimals: rows longer than the headings, values where no heading is, some quoted
+        *((f"force_N,velocity_mm_s,note{rows}", ["--sep", ",", *more], f"a.csv, {fault}") for rows, more, fault in [
+            ("\n0,5,0,12,\n", [], "line 2: 3 fields are due, found 5"), ("\n1,5,12,\n", [], "line 2: '1,5,12,' may have commas in"),
+            (",remark\n2,3,,\n1,5,0,12,,\n", [], "line 3: '1,5,0,12,,' may have"), (",,\n1,5,0,12,\n", [], "line 2: '1,5,0,12,' may"),
+            ("\n\"1,5\",0,12,\n", ["--decimal", ","], "line 2: '1,5,0,12,' may have commas in its decimals: put such numbers in "
+             "quotation marks; if commas only separate, give decimal='.' (--decimal .)\n"),
+            ("\n0,5,12,\n", ["--decimal", "."], "line 2, column force_N: must be a finite number above 0"),
+        ]),
         ("a  b\n1;2\n", ["--columns", NAMES],
          "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b between blanks, for which give sep=' ' "
          "(--sep ' '): give columns={'force': 'its heading', "

@@ -225,6 +225,7 @@ def test_comments_blank_lines_bom_and_crlf() -> None:
             (VelocityCurve, CURVE + "nan,1\n", "line 2, column force_N: must be a finite number above 0, in N: got nan"),
             (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
             (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
+            (VelocityCurve, CURVE.replace("\n", ",\n") + "1,0.5,,\n", r"line 2: 2 fields are due \(.*\), found 4"),
             (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
             (VelocityCurve, WINDOW + "1,1,1,0.5\n",
              "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),

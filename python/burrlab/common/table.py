@@ -161,12 +161,12 @@ class Table:
             where = f"{name}, line {line}"
             try:
                 texts = _fields(where, content)
-                texts = texts[: len(columns)] if empty and not any(texts[len(columns) :]) else texts
-                refuse(len(texts) != len(columns), f"{where}: {due}, found {len(texts)}")
+                is_due = len(columns) <= len(texts) <= len(columns) + empty and not any(texts[len(columns) :])
+                refuse(not is_due, f"{where}: {due}, found {len(texts)}")
             except ValueError as error:
                 faults.append(str(error))
                 continue
-            row = list(zip(columns, texts, strict=True))
+            row = list(zip(columns, texts, strict=False))
             if others:
                 for (heading, _), cell in row:
                     others.get(heading, []).append(cell)

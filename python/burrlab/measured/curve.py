@@ -181,7 +181,8 @@ class VelocityCurve(TableData):
         sep : str, optional
             Separator; default: the one that separates the headings.
         decimal : {".", ","}, optional
-            Default: a point.
+            Default: a point. With commas between the fields, a row that is longer than the headings is refused
+            if its commas may stand in decimals, unless a point is given here or the file has one.
         encoding : str, optional
             Such as "cp1252", "latin-1" or "utf-16"; default: UTF-8.
         groups, specimen : mapping of str to str, and str, optional

@@ -89,6 +89,7 @@ class TableLayout:
         groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
+        self.is_clear = decimal == "."  #: Whether each comma of a row is known to stand between two fields.
         self.is_native = not any((columns, unit, sep, decimal, encoding))
         for option, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
             refuse(not isinstance(text, str | None), f"{option} must be a text: got {shown(text)}")
@@ -165,6 +166,7 @@ class TableLayout:
             key, colon, text = (comment_in(line.strip(), sep) or "").partition(":")
             if colon:
                 self.comments[key.strip()] = text.strip()
+        self.is_clear |= sep != ","
         self.skipped["lines above the headings"] = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
         return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
@@ -327,7 +329,8 @@ class TableLayout:
         """Where each row of numbers stands, and its fields; comments, repeated headings and units are passed over."""
         used = [(column, i) for column, indices in places.items() for i in indices]
         last_used, labelled = max(i for _, i in used), list(map(_key, self.group_headings.values()))
-        may_be_units = kind == "line"
+        may_be_units, is_clear, doubtful = kind == "line", kind == "row" or self.is_clear, list[str]()
+        required = sum(len(places[column]) for column in places if not self.table.named[column].optional)
         for number, fields in records:
             where = f"{name}, {kind} {number}"
             if not any(fields):
@@ -347,7 +350,15 @@ class TableLayout:
                 may_be_units and self.units_in(where, [(column, fields[i]) for column, i in used], faults)
             ):
                 may_be_units = False
+                is_clear = is_clear or (self.decimal == "." and any("." in fields[i] for _, i in used))
+                if not is_clear and _fits_joined(fields, keys, required):
+                    doubtful.append(f"{where}: {shown(','.join(fields))}")
                 yield where, fields
+        if doubtful and not is_clear:  # other faults may come from it
+            faults[:] = [
+                f"{doubtful[0]} may have commas in its decimals: put such numbers in quotation marks; if commas "
+                "only separate, give decimal='.' (--decimal .)"
+            ]
 
     def single_rows(
         self, rows: Iterable[tuple[str, list[str]]], places: Mapping[str, list[int]], repeats: int,
@@ -477,6 +488,17 @@ def _records(lines: list[str], start: int, sep: str) -> Iterator[tuple[int, list
         height, fields = _record(lines[start : start + _TALLEST], sep)
         yield start + 1, fields
         start += height
+
+
+def _fits_joined(fields: list[str], keys: list[str], required: int) -> bool:
+    """Whether a row has more fields than headings, and fits if some of its commas stand in decimals."""
+    filled, named = (max((i for i, text in enumerate(row, 1) if text), default=0) for row in (fields, keys))
+    surplus = max(len(fields) - len(keys), filled - named)
+    pairs, numbers = (
+        len(re.findall(rf"(?<![^\t])[+-]?{what}(?:[eE][+-]?\d+)?(?![^\t])", "\t".join(fields)))
+        for what in (r"\d+\t\d+", r"\d[\d.,]*")
+    )
+    return 0 < surplus <= min(pairs, numbers - required)
 
 
 def _cell(field: object) -> str:

@@ -214,8 +214,8 @@ def test_a_session_takes_it(ear):
 
 def test_depth_and_layers(ear):
     shallow = mastoidectomy_path(ear, BURR, layer=1.0, depth=5.0)
-    whole = mastoidectomy_path(ear, BURR, layer=1.0)
-    assert shallow.layers < whole.layers
+    whole, planes, thinner = (mastoidectomy_path(ear, BURR, layer=layer) for layer in (1.0, 0.5, 0.1))
+    assert shallow.layers < whole.layers < planes.layers == thinner.layers
     deepest = np.abs(shallow.center[shallow.on, 0] + np.sign(ear.axis[0]) * BURR.radius)
     assert deepest.max() <= 5.0 + 0.5
     assert np.all(np.diff(whole.time) > 0)

@@ -73,7 +73,8 @@ def mastoidectomy_path(
     phantom : Phantom
     burr : Burr
     layer : float, optional
-        Distance between layers [mm]; default: a quarter of the radius.
+        Distance between layers [mm], each brought to the nearest plane of voxels (of up to 0.1 radii where
+        they are finer); no plane is cut twice. Default: a quarter of the radius.
     step : float, optional
         Distance between strokes of a layer [mm]; default: half the radius.
     speed : float
@@ -112,10 +113,10 @@ def mastoidectomy_path(
     plan = _Plan(phantom, burr.radius)
     rows: list[tuple[Floats, bool]] = []
     layers = 0
-    for x in np.arange(plan.first + layer - burr.radius, plan.deepest, layer):
-        if depth is not None and x + burr.radius > depth:
-            break
-        strokes = plan.strokes(float(x), step)
+    depths = np.arange(plan.first + layer - burr.radius, plan.deepest, layer)
+    depths = depths[depths + burr.radius <= (math.inf if depth is None else depth)]
+    for plane in np.unique(np.rint((depths - plan.origin[0]) / plan.spacing[0]).astype(int)):
+        strokes = plan.strokes(plane, step)
         layers += bool(strokes)
         for stroke in strokes:
             rows += plan.approach(rows[-1][0] if rows else None, stroke[0])
@@ -161,9 +162,8 @@ class _Plan:
         edge = self.origin[0] + self.spacing[0] * np.flatnonzero(target.any(axis=(0, 1)))
         self.first, self.deepest = float(edge[0]), float(edge[-1])  # x between which the planned cavity lies
 
-    def strokes(self, x: float, step: float) -> list[Floats]:
-        """Polylines (n, 3) along which the burr cuts at depth x: to and fro along y, then around."""
-        k = round((x - self.origin[0]) / self.spacing[0])
+    def strokes(self, k: int, step: float) -> list[Floats]:
+        """Polylines (n, 3) along which the burr cuts in plane k: to and fro along y, then around."""
         if not 0 <= k < self.room.shape[2] or not self.cuts[:, :, k].any():
             return []
         out: list[Floats] = []

@@ -20,7 +20,7 @@ from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
 from burrlab.common.check import amend_error, refuse, shown
 from burrlab.common.records import in_one_line
-from burrlab.common.table import decoded, json_mapping
+from burrlab.common.table import content_of, decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import (
     ComparisonDesign,
@@ -506,7 +506,7 @@ class Protocol:
         """
         path = Path(path)
         file_name = os.fspath(path)
-        text = decoded(file_name, path.read_bytes())
+        text = decoded(file_name, content_of(path))
         try:
             file = TomlTable(file_name, "", tomllib.loads(text))
         except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits

@@ -503,7 +503,7 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
     if not file.exists():
         return None
     try:
-        values = json.loads(file.read_bytes())
+        values = json.loads(table.content_of(file))
     except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
     with amend_error(f"{file}: "):

@@ -242,13 +242,13 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
     raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
 
 
-_MEMORY = 5.0  # bytes that a byte of a file needs until it is text in lines; measured: 5.2
 _LONGEST_LINE = 1 << 20  # characters; a longer line is no row of a table, and takes long to read
 
 
 def content_of(file: Path) -> bytes:
     """All bytes of a text file; ValueError if it needs more memory than is free, as one with holes may."""
-    check_memory(_MEMORY * os.path.getsize(file), f"{os.fspath(file)}: the file")
+    # five bytes for each until it is text in lines; measured: 5.2
+    check_memory(5.0 * os.path.getsize(file), f"{os.fspath(file)}: the file")
     return pathlib.Path(file).read_bytes()
 
 
@@ -401,8 +401,11 @@ def split_torn(content: bytes) -> tuple[bytes, bytes]:
 
 def parse(name: str, content: bytes) -> TextTable:
     """The table in a file's bytes; ValueError, with the file and the line, if it is none."""
-    lines = enumerate(decoded(name, content).split("\n"), start=1)
-    numbered = [(place, line.removesuffix("\r")) for place, line in lines if line.strip()]
+    numbered = [
+        (place, line.removesuffix("\r"))
+        for place, line in enumerate(decoded(name, content).split("\n"), start=1)
+        if line.strip()
+    ]
     refuse(not numbered, f"{name}: the file is empty")
     refuse("\r" in numbered[0][1], f"{name}: lines must end in a line feed, got carriage returns alone")
     (place, head), *body = numbered

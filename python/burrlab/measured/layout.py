@@ -89,8 +89,8 @@ class TableLayout:
         groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
-        self.is_clear = decimal == "."  #: Whether each comma of a row is known to stand between two fields.
-        self.is_native = not any((columns, unit, sep, decimal, encoding))
+        #: Whether the file is one of our own; whether its commas are known to stand between fields alone.
+        self.is_native, self.is_clear = not any((columns, unit, sep, decimal, encoding)), decimal == "."
         for option, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
             refuse(not isinstance(text, str | None), f"{option} must be a text: got {shown(text)}")
         self.thousands = "." if self.decimal == "," else ","
@@ -330,7 +330,6 @@ class TableLayout:
         used = [(column, i) for column, indices in places.items() for i in indices]
         last_used, labelled = max(i for _, i in used), list(map(_key, self.group_headings.values()))
         may_be_units, is_clear, doubtful = kind == "line", kind == "row" or self.is_clear, list[str]()
-        required = sum(len(places[column]) for column in places if not self.table.named[column].optional)
         for number, fields in records:
             where = f"{name}, {kind} {number}"
             if not any(fields):
@@ -351,7 +350,7 @@ class TableLayout:
             ):
                 may_be_units = False
                 is_clear = is_clear or (self.decimal == "." and any("." in fields[i] for _, i in used))
-                if not is_clear and _fits_joined(fields, keys, required):
+                if not is_clear and self.fits_joined(fields, keys):
                     doubtful.append(f"{where}: {shown(','.join(fields))}")
                 yield where, fields
         if doubtful and not is_clear:  # other faults may come from it
@@ -359,6 +358,17 @@ class TableLayout:
                 f"{doubtful[0]} may have commas in its decimals: put such numbers in quotation marks; if commas "
                 "only separate, give decimal='.' (--decimal .)"
             ]
+
+    def fits_joined(self, fields: list[str], keys: list[str]) -> bool:
+        """Whether a row has more fields than headings, and fits if some of its commas stand in decimals."""
+        filled, named = (
+            max((i for i, text in enumerate(row, 1) if text), default=0) for row in (fields, keys)
+        )
+        pairs, numbers = (
+            len(re.findall(rf"(?<![^\t])[+-]?{what}(?:[eE][+-]?\d+)?(?![^\t])", "\t".join(fields)))
+            for what in (r"\d+\t\d+", r"\d[\d.,]*")
+        )
+        return 0 < max(len(fields) - len(keys), filled - named) <= min(pairs, numbers - len(self.required))
 
     def single_rows(
         self, rows: Iterable[tuple[str, list[str]]], places: Mapping[str, list[int]], repeats: int,
@@ -488,17 +498,6 @@ def _records(lines: list[str], start: int, sep: str) -> Iterator[tuple[int, list
         height, fields = _record(lines[start : start + _TALLEST], sep)
         yield start + 1, fields
         start += height
-
-
-def _fits_joined(fields: list[str], keys: list[str], required: int) -> bool:
-    """Whether a row has more fields than headings, and fits if some of its commas stand in decimals."""
-    filled, named = (max((i for i, text in enumerate(row, 1) if text), default=0) for row in (fields, keys))
-    surplus = max(len(fields) - len(keys), filled - named)
-    pairs, numbers = (
-        len(re.findall(rf"(?<![^\t])[+-]?{what}(?:[eE][+-]?\d+)?(?![^\t])", "\t".join(fields)))
-        for what in (r"\d+\t\d+", r"\d[\d.,]*")
-    )
-    return 0 < surplus <= min(pairs, numbers - required)
 
 
 def _cell(field: object) -> str:

@@ -844,8 +844,9 @@ class SameDifferent(Scored):
         self._check("AA, AB, BA, BB", 4)
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        stimuli = {"A": self.a, "B": self.b}
-        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in kind)
+        intervals = tuple(
+            Interval(self.a if x == "A" else self.b, draws.interval_seed(), self.interval) for x in kind
+        )
         return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:

@@ -673,17 +673,15 @@ class Protocol:
             If a file cannot be written.
         """
         car = self.side_car(subject, task, device=device, simulated=simulated)
-        notes = []
+        other, notes = None, list[str]()
         for path in sorted(self.folder.glob(f"sub-*/beh/sub-*_task-{task}_events.json")):
             try:
-                other = read_side_car(path)
+                if (other := read_side_car(path)) is not None:
+                    break
             except (ValueError, OSError) as error:  # it stops the analysis, not this subject
                 notes.append(f"the task was not compared with another subject's: {error}")
-                continue
-            if other is not None:
-                changes = in_one_line("; ".join(other.differences(car, across_subjects=True)), 2000)
-                refuse(changes, f"{self.path}: others had another task {task}: {changes}")
-                break
+        changes = "; ".join(() if other is None else other.differences(car, across_subjects=True))
+        refuse(changes, f"{self.path}: others had another task {task}: {in_one_line(changes, 2000)}")
         self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)
         file = AnswerFile.create(self.data.answers(subject, task), car)
         file.notes = tuple(notes)

@@ -322,8 +322,10 @@ class Counts:
 
     def __post_init__(self) -> None:
         one_of("task", self.task, TASKS)
-        numbers = ("hits", "signals", "false_alarms", "noises")
-        vars(self).update({name: whole(name, getattr(self, name), at_least=0) for name in numbers})
+        vars(self).update({
+            name: whole(name, getattr(self, name), at_least=0)
+            for name in ("hits", "signals", "false_alarms", "noises")
+        })  # fmt: skip
         for name, most in (("hits", "signals"), ("false_alarms", "noises")):
             refuse(
                 getattr(self, name) > getattr(self, most),

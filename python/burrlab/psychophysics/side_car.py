@@ -124,8 +124,9 @@ class AnswerRow:
 
     def fields(self) -> dict[str, Any]:
         """Values by column."""
-        reached = None if self.reached is None else int(self.reached)
-        named = {**vars(self), "correct": int(self.correct), "reached": reached}
+        named = {
+            **vars(self), "correct": int(self.correct), "reached": None if self.reached is None else int(self.reached)
+        }  # fmt: skip
         for column, name in _NUMBERED.items():
             named |= {f"{column}_{place}": value for place, value in enumerate(named.pop(name), start=1)}
         return named

@@ -701,6 +701,5 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
     with amend_error(f"design {kind} has a value that is missing or wrong: ", kinds=(KeyError, TypeError)):
         for name, x in present.items():
             if isinstance(x, Mapping):
-                material = None if x.get("real") else material_of(x, x["material"])
-                present[name] = Stimulus(x["name"], material)
+                present[name] = Stimulus(x["name"], None if x.get("real") else material_of(x, x["material"]))
         return DESIGNS[kind](**present)

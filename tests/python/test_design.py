@@ -32,6 +32,9 @@ mpl.use("Agg")
 NAN = float("nan")
 ON_RIDGE = curve_of(np.linspace(0.3, 0.6, 10), repeats=3, seed=1)  # 30 rows
 ACROSS = curve_of([0.3, 0.6, 1.2, 2.4], repeats=6, seed=1)
+DAYS = replace(
+    ACROSS, velocity=ACROSS.velocity * np.exp(np.resize([-0.08, 0.1, 0.03], 24)), groups={"day": ["a", "b", "c"] * 8}
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +135,10 @@ def area(result, end=None):
     return scipy.integrate.trapezoid(np.interp(even, x, np.log(region.upper / region.lower)), even)
 
 
-def simulated(before, result, candidate, **options):
+def simulated(before, result, candidate, day=0.0, **options):
     """log(area ratio), and whether c_e is identified, for new data made at each truth and fitted.
 
-    With an uncertain force, its offset is drawn as the old data leave it at the truth.
+    With an uncertain force, its offset is drawn as the old data leave it at the truth. Days differ by `day`.
     """
     grid, random = RegionGrid.of(before), np.random.default_rng(1)
     offsets, old, made = SharedOffsets(before, grid), area(before), []
@@ -146,12 +149,16 @@ def simulated(before, result, candidate, **options):
         make, at, scatter = synthetic_indentation, candidate.depth, result.static_scatter
         if candidate.kind == "velocity":
             make, at, scatter = synthetic_curve, candidate.force, result.scatter
-        material, u = Material("truth", c_e=c_e, alpha=alpha), 0.0
+        of_day = np.exp(day * np.random.default_rng(k).normal())
+        material, u = Material("truth", c_e=c_e, alpha=alpha * of_day), 0.0
         if options:
             u = random.normal(offsets.mean[i, j, 0], offsets.covariance[i, 0, 0] ** 0.5)
             at += u * (candidate.kind == "velocity")
         new = make(Burr(candidate.radius), material, [at], scatter=scatter, repeats=candidate.n, seed=k)
-        sets = [*before.data, replace(new, force=new.force - u)]
+        sets = [
+            *before.data,
+            replace(new, force=new.force - u, groups={"day": ["new"] * len(new)} if day else {}),
+        ]
         if options:
             sets = [replace(rows, groups={"rig": ["one"] * len(rows)}) for rows in sets]
         again = fit(sets, **options)
@@ -194,10 +201,12 @@ class TestSimulation:
         assert deep.area_ratio < 0.9
 
     @pytest.mark.slow
-    def test_it_comes_true_with_an_offset(self):
-        before = fit(ACROSS, uncertain={"force": 0.05})
+    @pytest.mark.parametrize("options", [{"uncertain": {"force": (0.05, "rig")}}, {}])
+    def test_it_comes_true_with_an_offset_or_days(self, options):
+        before = fit(ACROSS, uncertain={"force": 0.05}) if options else fit(DAYS)
+        options = options or {"day": before.effects[0].deviation}
         for one in (result := design(before, [0.3, 3.0], 3.0, 6, static=[0.3], truths=48, seed=0)).rows:
-            log_ratio, _ = simulated(before, result, one, uncertain={"force": (0.05, "rig")})
+            log_ratio, _ = simulated(before, result, one, **options)
             print(
                 f"{one.kind} {one.force or one.depth}: foretold {one.area_ratio:.2f}, found {np.exp(log_ratio.mean()):.2f}"
             )

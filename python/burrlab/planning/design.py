@@ -19,7 +19,7 @@ from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
-from burrlab.planning.region import NewData, RegionGrid, SharedOffsets
+from burrlab.planning.region import NewData, RegionGrid, SharedOffsets, with_new_level
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, MasterCurve
 
 _SHOWN = 8  # rows of the repr
@@ -276,19 +276,19 @@ def design(
     where mu is the log of the outcome. A window bounds c_e from below, an overloaded run from above. The
     region keeps its limit: what more data say about the scatter is left out. The first static pairs have a
     scatter of their own, estimated from the n alone, and its limit. After a fit with days or specimens the new data are
-    of a new one, whose mean differs by the standard deviations of the fit. After a fit with offsets the new data
-    share them: given c_e and alpha, an offset has the mean and variance that the old rows leave, and both enter
+    of a new one, whose mean differs by the standard deviations of the fit. It brings a degree of freedom, and the limit
+    that this leaves, at these deviations. After a fit with offsets, too, the limit is kept, and the new data
+    share the offsets: given c_e and alpha, an offset has the mean and variance that the old rows leave, and both enter
     the expected outcome, linear about the offsets of the fit. So a candidate may rank high because it tells an
     offset. An offset by day or data set is drawn anew, as is the radius of another burr; a drift with the order
     goes on from the last run.
 
     In simulations with new fits, up to a third more rows after 12 or more give this area within 10 %. More
     new rows, or fewer old ones, give a smaller area: 10 after 4 give two thirds of it. The order of
-    candidates is the same. After three days it need not be: in 58 sets 8 runs on a fourth day gave 0.5 to 0.7 of the
-    area where 0.7 to 0.86 was foretold, as they also bring a degree of freedom, and the force foretold best was not the
-    best. The scatter of the outcome itself is left out, so a probability near 0 or 1 is less certain than it looks. An area ratio above 1 is possible: the expected outcomes then undo a limit
-    that the old data set by chance. The Fisher information at the fit would not serve: the region may be
-    open, and the model has a kink at phi = 0.068.
+    candidates is the same. Runs on a new day give this area within 6 % (docs/inference.md). The scatter of the outcome
+    itself is left out, so a probability near 0 or 1 is less certain than it looks. An area ratio above 1 is possible: the
+    expected outcomes then undo a limit that the old data set by chance. The Fisher information at the fit would not
+    serve: the region may be open, and the model has a kink at phi = 0.068.
 
     With log-normal scatter, and without offsets, a static pair says the same about c_e at any depth and radius.
 
@@ -342,7 +342,10 @@ def design(
             phi = law.master_phi(F / (fit.c_e * R**2))
             slope = law.stretch * float(np.nan_to_num(curve.local_slope(phi)))  # of ln v by ln c_e, negated
             log_velocity, offset2 = offsets.outcome(R, partial(_log_velocity, fit, grid, F, R))
-            new = NewData(n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2)
+            new = NewData(
+                n, scatter, between2=between["alpha"] + slope**2 * between["c_e"] + offset2,
+                level=with_new_level(fit, np.array([-slope, 1.0]), n, scatter),
+            )  # fmt: skip
             candidates.append(_candidate(
                 grid, truth, log_velocity, new, R, force=F, ceiling=_ceiling(fit, F, R, offsets.known(R)),
                 parting=_parting(fit, against, R, F, n),
@@ -353,13 +356,11 @@ def design(
             log_force, offset2 = offsets.outcome(
                 static_radius, partial(_log_force, fit, grid, h, static_radius)
             )
-            static_pairs = _candidate(
-                grid,
-                truth,
-                log_force,
-                NewData(n, static_scatter, own=first, between2=between["c_e"] + offset2),
-                static_radius,
-            )
+            pairs = NewData(
+                n, static_scatter, own=first, between2=between["c_e"] + offset2,
+                level=with_new_level(fit, np.array([1.0, 0.0]), n, static_scatter),
+            )  # fmt: skip
+            static_pairs = _candidate(grid, truth, log_force, pairs, static_radius)
         candidates.append(replace(static_pairs, depth=h))
         report_progress(len(candidates), total)
     return Design(

@@ -11,7 +11,7 @@ from burrlab.common.check import refuse
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter, covariance_of
 from burrlab.fitting.group_effects import MixedEffect
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.linear import OFFSETS, slope_of
+from burrlab.fitting.linear import OFFSETS, MixedEquations, RowProducts, slope_of
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
@@ -33,6 +33,7 @@ class NewData:
     own: bool = False  #: no other data share the scatter, which is estimated from the n alone
     #: variance of their mean, as they are of a new day or specimen, or share an offset that is not quite known
     between2: Floats | float = 0.0
+    level: AnyCalibration | None = None  #: of the fit with them, where they are of a new day or specimen
 
     def rise(self, d: Floats) -> Floats:
         """The rise of -2 log L for a prediction that is off by d; overwrites d.
@@ -52,9 +53,9 @@ class NewData:
         return d
 
     def calibration(self, old: AnyCalibration) -> AnyCalibration:
-        """The calibration of the fit with these data, which are of c_e alone; a scatter of their own changes it."""
+        """The calibration of the fit with these data: a new level changes it, or a scatter of their own, of c_e alone."""
         if not (self.own and isinstance(old, Calibration)):
-            return old
+            return self.level or old
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
         total = old.total + share
         inverse = covariance_of(total)
@@ -66,6 +67,48 @@ class NewData:
         return replace(
             old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
         )
+
+
+class _OneMoreLevel(RowProducts):
+    """The rows of a fit near its best point, and one more row of a new day and specimen.
+
+    Parameters
+    ----------
+    of : RowProducts
+        The rows of the fit.
+    slopes : ndarray, shape (2,)
+        Of the new row, over (log c_e, log alpha).
+    n : int
+        Rows that it is the mean of.
+    weight : float
+        Of the new row among those of the first scatter.
+    """
+
+    def __init__(self, of: RowProducts, slopes: Floats, n: int, weight: float) -> None:
+        ends, common = [of.blocks[k].stop for k in of.estimated], np.zeros(len(of.products[0]) - 3)
+        own = [slopes[int(of.components[k].quantity == "alpha")] for k in of.estimated]
+        row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, own)
+        self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in of.products]
+        self.products[0] += weight * np.outer(row, row)
+        self.n, self.known = of.n + n * (np.arange(len(of.n)) == 0), of.known
+        self.components = [
+            replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in of.estimated))))
+            for k, x in enumerate(of.components)
+        ]
+
+
+def with_new_level(fit: FitRecord, slopes: Floats, n: int, scatter: float) -> AnyCalibration | None:
+    """The limits of a fit with n rows more, of a new day and specimen, at its variances; None without any.
+
+    They bring a degree of freedom: with few days it narrows the intervals more than what the rows say.
+    """
+    likelihood, old = fit.likelihood, fit._evidence().calibration
+    if not isinstance(likelihood, MixedLikelihood) or not likelihood.linear.estimated:
+        return None
+    at = likelihood.equations
+    more = _OneMoreLevel(likelihood.linear, slopes, n, n * at.scatter2[0] / scatter**2)
+    new = MixedEquations(more, at.scatter2, at.effect2).uncertainty()
+    return replace(new, monte_carlo=old.monte_carlo, inflation=old.inflation)
 
 
 class SharedOffsets:

@@ -47,11 +47,9 @@ def test_power_grows_with_what_helps(tmp_path):
     study = burrlab.compare_power(
         PILOT, specimens=[3, 6, 9], runs=[6, 18], between={"alpha": 0.1, "difference": 0.05}
     )
-    assert (np.diff(study.power, axis=1) > 0).all()
-    assert (np.diff(study.power, axis=2) > 0).all()
+    assert all((np.diff(study.power, axis=axis) > 0).all() for axis in (1, 2))
     assert (study.power[0] > study.power[1]).all()
-    assert study.smallest() == (6, 6)
-    assert study.smallest("apart") is None
+    assert (study.smallest(), study.smallest("apart")) == ((6, 6), None)
     assert study.within == PILOT.evidence.scatters[0].value
     data = PILOT.data[0]
     known = burrlab.fit(replace(data, sigma=0.05 * data.velocity), residuals="sigma")
@@ -64,25 +62,29 @@ def test_power_grows_with_what_helps(tmp_path):
             "within must be given: a fit of absolute residuals",
         )
     )
-    assert "is seen in 80 % with 6 specimens and 6 runs of each drill in each" in repr(study)
-    assert "by none of these" in study.verdict
+    assert all(
+        text in repr(study)
+        for text in ("seen in 80 % with 6 specimens and 6 runs of each drill in each", "by none of these")
+    )
     study.to_json(tmp_path / "study.json")
     assert repr(burrlab.ComparisonPower.from_json(tmp_path / "study.json")) == repr(study)
-    ax = study.plot()
-    assert ax.get_ylabel() == "power to see 10 % of α [1]"
+    assert study.plot().get_ylabel() == "power to see 10 % of α [1]"
     # no difference is found as often as the test errs
     level = burrlab.compare_power(PILOT, 1.0001, specimens=[6], runs=[8], between={"alpha": 0.1}).power
     assert level == pytest.approx(0.05, abs=0.03)
 
 
-def test_sizes_come_from_a_fit_with_specimens():
-    sheet = burrlab.run_sheet(FORCES, specimens=5, runs=8, days=1, seed=1)
-    fit = burrlab.fit(filled(sheet, 1).split("drill")["A"], plausible=None)
+@pytest.mark.parametrize("days", [1, 2])
+def test_sizes_come_from_a_fit_with_specimens(days):
+    """And with days: what differs by both adds up."""
+    sheet = burrlab.run_sheet(FORCES, specimens=5, runs=8, days=days, seed=1)
+    fit = burrlab.fit(filled(sheet, days).split("drill")["A"], plausible=None)
     study = burrlab.compare_power(fit, specimens=[4], runs=[8])
-    deviations = {x.quantity: x.deviation for x in fit.effects}
+    of_alpha = [x for x in fit.effects if x.quantity == "alpha" and x.deviation]
+    deviations = {"c_e": fit.effects[-2].deviation, "alpha": np.linalg.norm([x.deviation for x in of_alpha])}
     assert study.between == pytest.approx({**deviations, "difference": 0.0})
-    assert study.unit == "specimen"
-    upper = next(x.interval.upper for x in fit.effects if x.quantity == "alpha")
+    assert (study.unit, len(of_alpha)) == ("specimen", days)
+    upper = np.linalg.norm([x.interval.upper for x in of_alpha])
     assert f"but up to {100 * upper:.2g} % is possible" in study.verdict
 
 

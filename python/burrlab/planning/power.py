@@ -1,5 +1,6 @@
 """How many specimens and runs a comparison of two drills needs, and the sheet of its runs."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -94,8 +95,9 @@ class ComparisonPower(InJson):
             texts.append(f"With both drills in {how}, {aim} {with_it}.")
         if self.unit == "specimen":
             texts.append(
-                "That is for runs on one day or two: with three common days a comparison allows for a difference that varies "
-                "from day to day, and sees less."
+                "The first is for both drills on the same day or two: from three common days on a comparison allows for a "
+                "difference that varies from day to day, and with other days for each drill for that of the days; it then "
+                "sees less. The second is for each specimen on a day of its own, which counts if the fit knows how days differ."
             )
         texts += [
             f"The fit puts the deviation of {name} between {self.unit}s at {100 * self.between[name]:.2g} %, but up to "
@@ -164,15 +166,16 @@ def compare_power(
     Parameters
     ----------
     fit : Fit
-        The fit to a first series, which gives c_e, alpha, burr, shape, scatter and, where it knows specimens or days,
-        their standard deviations.
+        The fit to a first series, which gives c_e, alpha, burr, shape, scatter and, where it knows specimens, days or
+        both, their standard deviations.
     ratio : float
         alpha of the second drill over that of the first: 0.9 is 10 % less.
     specimens, runs : int or sequence of int
         Specimens (or days) of each drill, 2 or more; and runs of each drill in each of them, 3 or more.
     between : dict, optional
         Standard deviations between specimens: of ln ``"c_e"`` and ln ``"alpha"``, and of the ``"difference"`` of ln
-        alpha between the drills. Those of the fit by default; 0 for the difference, which a fit cannot tell.
+        alpha between the drills. Those of the fit by default, where it knows several groups of all together; 0 for the
+        difference, which a fit cannot tell.
     within : float, optional
         Standard deviation of ln v between runs: 0.08 is 8 %. That of the fit by default, which one of absolute
         residuals has not.
@@ -202,6 +205,12 @@ def compare_power(
     each drill has for itself its statistic is a noncentral F with the limits and degrees of freedom that the fits to
     both would have at the true variances. Both drills go through the same forces in each specimen (docs/inference.md has
     powers of simulated comparisons beside these).
+
+    If the fit knows days and specimens, each specimen is taken to have a day of its own, so that the variances of
+    both add up in ln alpha. In the same specimens both drills have that day, and it cancels. If each drill has a day
+    of its own there, the days are part of the difference: give this root 2 times their deviation. Where all runs are of
+    one day, give the specimens' deviation alone. Days that several specimens of one drill share, and the other drill
+    has not, tell less than any of these.
 
     Examples
     --------
@@ -274,10 +283,10 @@ def _between(
         between is None and not estimated,
         "between must be given, such as {'alpha': 0.1} (--between alpha=0.1): the fit knows no specimens or days",
     )
-    of_unit = [x for x in estimated if x.group == unit]
+    # a specimen on a day of its own differs by what both do
+    of = {name: [x for x in estimated if x.quantity == name] for name in names}
     deviations: dict[str, float] = {
-        name: sum(float(x.deviation or 0.0) ** 2 for x in of_unit if x.quantity == name) ** 0.5
-        for name in names
+        name: sum(float(x.deviation or 0.0) ** 2 for x in effects) ** 0.5 for name, effects in of.items()
     }
     for name, value in (between or {}).items():
         refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
@@ -286,8 +295,13 @@ def _between(
             f"between of {name} must lie between 0 and {_WIDEST:g}, 0.1 for 10 %: got {value!r}",
         )
         deviations[name] = float(value)
+    ends = {
+        name: [x.interval.upper for x in effects if x.interval]
+        for name, effects in of.items()
+        if effects and name not in (between or {})
+    }
     up_to = {
-        x.quantity: x.interval.upper for x in of_unit if x.interval and x.quantity not in (between or {})
+        name: None if None in upper else math.hypot(*filter(None, upper)) for name, upper in ends.items()
     }
     return unit, deviations, up_to
 

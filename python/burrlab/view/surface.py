@@ -511,17 +511,27 @@ def _distances(vertices: Array, corners: Array, others: Array) -> tuple[Array, f
         axis=0, prepend=0.0, append=1.0,
     )  # fmt: skip
     # The squares of the distances to a triangle and to its nearest corner differ by a third of its longest side's
-    # square at most (Pythagoras; Jung): so a triangle whose corners are farther than that is no nearer.
-    tree = scipy.spatial.cKDTree(others.reshape(-1, 3))
+    # square at most (Pythagoras; Jung): so a triangle whose corners are farther than that is no nearer. A corner
+    # is in the tree once, not once for each of its triangles: from far inside, the search meets many of them.
+    places, corner = np.unique(others.reshape(-1, 3), axis=0, return_inverse=True)
+    tree, numbers = scipy.spatial.cKDTree(places), np.arange(corner.size)
+    around = scipy.sparse.csr_array((np.ones(corner.size, bool), (corner.ravel(), numbers // 3)))
+    fan = int(np.diff(around.indptr).max())  # most triangles at a corner
     most = ((np.roll(others, -1, axis=1) - others) ** 2).sum(axis=2).max() / 3.0
 
     def nearest(points: Array) -> Array:
-        distances, left, count = np.full(len(points), np.inf), np.arange(len(points)), 16
+        distances, left, count = np.full(len(points), np.inf), np.arange(len(points)), 4
         while len(left):
             count, again = min(count, tree.n), []
-            for some in np.array_split(left, 1 + len(left) * count // 2**18):
+            parts = min(len(left), 1 + len(left) * count * fan // 2**19)
+            for some in np.array_split(left, parts):
                 away, near = map(np.asarray, tree.query(points[some], count))
-                distances[some] = _to_triangles(points[some], others[near // 3])
+                rows = around[near.ravel()]  # triangles of each corner
+                first = rows.indptr[::count]  # of each point's
+                of_pairs = _to_triangles(
+                    np.repeat(points[some], np.diff(first), axis=0), others[rows.indices, None]
+                )
+                distances[some] = np.minimum.reduceat(of_pairs, first[:-1])
                 again.append(some[(distances[some] ** 2 > away[:, -1] ** 2 - most) & (count < tree.n)])
             left, count = np.concatenate(again), 2 * count
         return distances

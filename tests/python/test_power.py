@@ -178,6 +178,7 @@ def test_what_is_refused(call, error, match):
     [
         (3, 0.9, {"within": 0.05}, False), (3, 0.9, {"within": 0.1}, False), (6, 0.9, {"difference": 0.05}, False),
         (6, 0.9, {"difference": 0.05, "of_c_e": 0.1}, False), (12, 0.9, {}, True), (6, 0.8, {"of_c_e": 0.1}, True),
+        (6, 0.8, {"between": 0.02**0.5}, True),  # of specimens and their days, 10 % each
     ],
 )  # fmt: skip
 def test_powers_are_those_of_simulated_comparisons(n, ratio, options, own):

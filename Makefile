@@ -46,10 +46,9 @@ test: $(VENV)/developed
 	$(BIN)/ctest --test-dir build -j 2 --output-on-failure
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/python -m mypy.stubtest burrlab._core
+	printf '%s\n' mypy "python -m mypy.stubtest burrlab._core" "python -m pytest -p no:cacheprovider --doctest-modules --pyargs burrlab" \
+	  | xargs -P 2 -I COMMAND sh -cx '$(BIN)/COMMAND'
 	$(BIN)/python -m pytest -n 2 -m "not slow" tests/python
-	$(BIN)/python -m pytest -p no:cacheprovider --doctest-modules --pyargs burrlab
 	$(BIN)/python -m pytest --nbmake -n 2 --nbmake-timeout=600 notebooks
 
 # The examples in C++ and C, built and run with the library as it is installed

@@ -9,7 +9,6 @@ import reprlib
 import textwrap
 import types
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import (
@@ -29,7 +28,7 @@ from typing import (
 
 import numpy as np
 
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import content_of, refuse, shown
 from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
@@ -301,9 +300,11 @@ class InJson(AsDict):
             look()  # finds what is missing
             return result
 
-        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:
-            what = f"the JSON of a {cls.__name__.lower()}"
-            return cast("Self", parsed(getattr(stream, "name", "JSON text"), stream.read(), what, made))
+        if isinstance(file, (str, os.PathLike)):
+            name, content = os.fspath(file), content_of(file)
+        else:
+            name, content = getattr(file, "name", "JSON text"), file.read()
+        return cast("Self", parsed(name, content, f"the JSON of a {cls.__name__.lower()}", made))
 
 
 def is_of_core(kind: Any) -> bool:

@@ -25,7 +25,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from burrlab.common.check import refuse
+from burrlab.common.check import content_of, refuse
 from burrlab.common.records import UNREADABLE, is_of_core, parsed
 
 #: A store, or the path of its file.
@@ -212,7 +212,7 @@ class Store:
         self._torn = 0
         self._synced = -math.inf
         self.path.open("ab").close()  # tests early that it can be written
-        if not self._load(self.path.read_bytes()):
+        if not self._load(content_of(self.path)):
             self._append((b"\n" if self._torn else b"") + _HEADER + b"\n")
 
     def _load(self, data: bytes) -> bool:

@@ -7,7 +7,6 @@ import io
 import json
 import math
 import os
-import pathlib
 import re
 import textwrap
 import unicodedata
@@ -21,7 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, Type
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.common.check import check_memory, check_same_length, extra, real, refuse, scalar, shown
+from burrlab.common.check import check_same_length, content_of, extra, real, refuse, scalar, shown
 from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
@@ -243,13 +242,6 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
 
 
 _LONGEST_LINE = 1 << 20  # characters; a longer line is no row of a table, and takes long to read
-
-
-def content_of(file: Path) -> bytes:
-    """All bytes of a text file; ValueError if it needs more memory than is free, as one with holes may."""
-    # five bytes for each until it is text in lines; measured: 5.2
-    check_memory(5.0 * os.path.getsize(file), f"{os.fspath(file)}: the file")
-    return pathlib.Path(file).read_bytes()
 
 
 def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = "") -> str:

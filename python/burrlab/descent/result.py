@@ -12,7 +12,7 @@ from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.specimen import CUT
 from burrlab.bone.tissues import label_scatter
-from burrlab.common.check import refuse
+from burrlab.common.check import content_of, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.files import write_text
 from burrlab.common.records import AsDict, Codec, parsed
@@ -131,7 +131,7 @@ class Descent(AsDict, Tabular):
     @staticmethod
     def load(path: str | Path) -> "Descent":
         """The result in a file of `save`; ValueError for another file."""
-        return parsed(str(path), Path(path).read_bytes(), "the JSON of a descent", Descent._of, finite=False)
+        return parsed(str(path), content_of(path), "the JSON of a descent", Descent._of, finite=False)
 
     @staticmethod
     def _of(data: dict[str, Any]) -> "Descent":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab._core as _core
-from burrlab.common.check import amend_error, refuse
+from burrlab.common.check import amend_error, content_of, refuse
 from burrlab.common.progress import doing
 
 
@@ -104,7 +104,7 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     >>> log.poses["Tracker0"]["position"]  # doctest: +SKIP
     """
     file = Path(path)
-    content = file.read_bytes()
+    content = content_of(file)
     cookie = content[:_COOKIE_SIZE]
     begins = (
         f"it {'begins with' if len(cookie) == _COOKIE_SIZE else 'holds only'} {cookie.rstrip(bytes(1))!r}"

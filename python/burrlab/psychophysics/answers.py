@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import burrlab.common.table as table
 from burrlab._core import __version__
-from burrlab.common.check import amend_error, refuse
+from burrlab.common.check import amend_error, content_of, refuse
 from burrlab.common.files import lock, sync_folder, synced_write, write_text
 from burrlab.common.records import in_one_line
 from burrlab.psychophysics.designs import PARAMETER_KEYS, Order
@@ -180,7 +180,7 @@ def read_answers(
     ('01', [True, False])
     >>> folder.cleanup()
     """
-    file, content = os.fspath(path), table.content_of(path)
+    file, content = os.fspath(path), content_of(path)
     car = read_side_car(path)
     labels = _labels(file, car, {"subject": subject, "name": name, "task": task})
     refuse(labels["task"] not in TASKS, f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
@@ -296,7 +296,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     """
     runs: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
-        if not side_car_path(path).exists() and len(table.content_of(path).splitlines()) < 2:
+        if not side_car_path(path).exists() and len(content_of(path).splitlines()) < 2:
             continue  # killed while its files were made: nobody was asked
         answers, label = read_answers(path), path.parents[1].name
         refuse(
@@ -532,7 +532,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
             if first is None:  # killed while the files were made, or not a run of this program
                 head, car = table.line(side_car.columns), side_car_path(path)
                 refuse(
-                    not head.startswith(table.content_of(path)) or car.exists(),
+                    not head.startswith(content_of(path)) or car.exists(),
                     f"{path}: this is no run of this program, its side-car {car.name} is missing",
                 )
                 os.ftruncate(file, 0)
@@ -541,7 +541,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
                 raise ValueError(
                     f"{path}: the protocol was changed since the run began: {in_one_line('; '.join(changes), 2000)}"
                 )
-            file_bytes = table.content_of(path)
+            file_bytes = content_of(path)
             reader, content, torn = read_own_rows(os.fspath(path), file_bytes, first.task)
             columns = _checked_columns(path, content, first)
             replay(os.fspath(path), reader.rows, order)
@@ -765,7 +765,7 @@ class ExperimentFolder:
         path, participants = self.path / "participants.tsv", dict[str, dict[str, str]]()
         if not path.exists():
             return participants
-        text_table = table.parse(os.fspath(path), table.content_of(path))
+        text_table = table.parse(os.fspath(path), content_of(path))
         for column in _COLUMNS[:2]:
             refuse(column not in text_table.columns, f"{path}, line 1: column {column} is missing")
         for line, fields in text_table.rows:
@@ -784,7 +784,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 
     A last line that lacks only its line end, as an editor may leave it, gets one.
     """
-    content, torn = table.split_torn(table.content_of(path))
+    content, torn = table.split_torn(content_of(path))
     heading = table.line(_COLUMNS)
     if torn and not content and heading.startswith(torn):
         os.ftruncate(file, 0)

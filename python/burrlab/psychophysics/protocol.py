@@ -18,9 +18,9 @@ from burrlab.bone.image import OccupancyMap, checked_point
 from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
-from burrlab.common.check import amend_error, refuse, shown
+from burrlab.common.check import amend_error, content_of, refuse, shown
 from burrlab.common.records import in_one_line
-from burrlab.common.table import content_of, decoded, json_mapping
+from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import (
     ComparisonDesign,

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import burrlab.common.table as table
 from burrlab._core import __version__
-from burrlab.common.check import amend_error, refuse, shown
+from burrlab.common.check import amend_error, content_of, refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import Phase, Trial
 from burrlab.psychophysics.interval import ENDINGS, Rendered
@@ -504,7 +504,7 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
     if not file.exists():
         return None
     try:
-        values = json.loads(table.content_of(file))
+        values = json.loads(content_of(file))
     except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
     with amend_error(f"{file}: "):

@@ -145,7 +145,6 @@ void bind_companion(py::module_& m) {
 
 void bind_effects(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(ParcelView, position, velocity, radius, dust, blood, water, age);
-  m.attr("parcel_dtype") = py::dtype::of<ParcelView>();
   py::class_<Effects>(m, "Effects", "Dust, blood, water and a sucker; see burrlab.effects.Effects.")
       .def(py::init([](const VoxelBone& bone, const EffectParameters& parameters, std::uint64_t seed,
                        const Vec3& down, const Vec3& spin, std::optional<double> budget) {
@@ -178,17 +177,6 @@ void bind_effects(py::module_& m) {
           "removed", [](const Effects& effects) { return effects.sources().removed(); },
           "Levels removed since the beginning, by tissue number; one value without tissues; empty before any "
           "removal.")
-      .def_property_readonly(
-          "bleeding", [](const Effects& effects) { return effects.sources().bleeding(); },
-          "Present rate of all wounds [mm^3/s].")
-      .def_property_readonly(
-          "decisions",
-          [](const Effects& effects) {
-            std::vector<Decision> out;
-            for (const FrameDecision& decision : effects.decisions()) out.push_back(to_tuple(decision));
-            return out;
-          },
-          "Decisions of all frames, for `step(decision=...)` of another run.")
       .def(
           "hidden_part",
           [](const Effects& effects, const Camera& camera, const Vec3& center, double radius) {

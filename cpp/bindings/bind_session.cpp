@@ -254,8 +254,7 @@ void bind_haptic_loop(py::module_& m) {
       .def_property_readonly("tick_time", &HapticLoop::tick_time, py::return_value_policy::reference_internal,
                              "CPU time of a tick")
       .def_property_readonly("wall_time", &HapticLoop::wall_time, py::return_value_policy::reference_internal,
-                             "Wall time of a tick")
-      .def_property_readonly("executor", &HapticLoop::executor);
+                             "Wall time of a tick");
 }
 
 void bind_flat_file(py::module_& m) {

@@ -16,7 +16,7 @@ TILE = np.zeros((1, 8, 8, 8), np.uint8)
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 
 
-def carved(frames: int, decisions=None, **options) -> tuple[Effects, VoxelBone]:
+def carved(frames: int, to_repeat=None, decisions=None, **options) -> tuple[Effects, VoxelBone]:
     """(effects, bone) after frames of 50 ms, each with five ticks of 10 ms of a burr that goes along x."""
     bone = bone_with_tissues()
     effects = Effects(bone, **{"seed": 1, "nozzle": WATER, **options})
@@ -28,7 +28,11 @@ def carved(frames: int, decisions=None, **options) -> tuple[Effects, VoxelBone]:
             contact.step(center, 10.0)
         bricks = _core.take_changed_bricks(bone)
         update = {"bricks": bricks, "density": _core.read_bricks(bone, bricks)}
-        effects.step(0.05, update, [(center, 2.0)], decision=decisions[frame] if decisions else None)
+        decision = effects.step(
+            0.05, update, [(center, 2.0)], decision=to_repeat[frame] if to_repeat else None
+        )
+        if decisions is not None:
+            decisions.append(decision)
         accounts = effects.balance()
         assert all(account.exact for account in accounts.values())
         assert accounts["dust"].made == levels_removed(bone) == sum(effects.removed)
@@ -42,7 +46,6 @@ def test_balance_of_a_cut() -> None:
     assert accounts["blood"].made > 0
     assert accounts["water"].sucked > 0
     assert effects.removed[1] * effects.quantum == pytest.approx(bone.removed_of("sinus"), rel=1e-12)
-    assert effects.bleeding > 0
     water = accounts["water"].volumes()
     assert water["made"] == pytest.approx(200, abs=2 * effects.quantum)
     assert water["made"] == pytest.approx(water["present"] + water["sucked"] + water["drained"])
@@ -57,7 +60,6 @@ def test_parcels_are_what_the_balance_says() -> None:
         EffectParameters().dust_bulking * parcels["dust"] + parcels["blood"] + parcels["water"]
     )
     np.testing.assert_allclose(4 / 3 * np.pi * parcels["radius"] ** 3, volume, rtol=1e-12)
-    assert parcels.dtype == _core.parcel_dtype
     assert ((parcels["dust"] > 0) & (parcels["water"] > 0)).any(), "no paste"
     kept = parcels.copy()
     effects.step(0.05)
@@ -71,11 +73,11 @@ def test_same_frames_give_same_parcels() -> None:
 
 
 def test_decisions_of_the_clock_can_be_given_again() -> None:
-    hurried, _ = carved(30, budget=1e-5)
+    hurried, _ = carved(30, decisions=(decisions := []), budget=1e-5)
     report = hurried.report()
     assert report.sub_steps_least == 1
     assert min(report.crowded, report.over_budget) > 0
-    again, _ = carved(30, hurried.decisions)
+    again, _ = carved(30, decisions)
     assert (hurried.parcels == again.parcels).all()
 
 

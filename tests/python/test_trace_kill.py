@@ -147,7 +147,7 @@ def two_hands(folder, seconds, voxel):
     run = ended(session_of(bone, tools, devices, **options))
     trace = load_trace(folder / "session.h5")
     assert trace.complete
-    return trace, run.loop.executor.bone.digest()
+    return trace, run._executor.bone.digest()
 
 
 def assert_replays(trace, digest):

@@ -165,7 +165,6 @@ FrameDecision Effects::step(double seconds, const BrickLevels& changes,
   counts_.most_sub_steps = std::max(counts_.most_sub_steps, steps);
   counts_.sub_steps += steps;
   counts_.most_parcels = std::max(counts_.most_parcels, std::int64_t(parcels_.size()));
-  decisions_.push_back(decision);
   return decision;
 }
 

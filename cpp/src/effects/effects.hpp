@@ -58,7 +58,6 @@ class Effects {
   const Sources& sources() const { return sources_; }
   const EffectsSetup& setup() const { return setup_; }
   const FrameCounts& counts() const { return counts_; }
-  const std::vector<FrameDecision>& decisions() const { return decisions_; }
   const Histogram& wall_time() const { return wall_time_; }
   const Histogram& cpu_time() const { return cpu_time_; }
 
@@ -86,7 +85,6 @@ class Effects {
   std::optional<FrameBudget> budget_;
   double moves_ = 0.0, moving_time_ = 0.0;  // single movements of the last frame, and their time [ns]
   FrameCounts counts_;
-  std::vector<FrameDecision> decisions_;
   Histogram wall_time_, cpu_time_;
   std::vector<Emission> emissions_;  // kept for its memory, as are the next two
   std::vector<std::uint32_t> moving_;

@@ -351,7 +351,7 @@ def read(_: Path) -> Any:
         "metrics": burrlab.session_metrics(traces["trace3"]).to_dict(),
         "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
         "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
-        "store": len(burrlab.Store(FILES / "store.jsonl")), "fit": plain(burrlab.Fit.from_json(FILES / "fit.json").intervals),
+        "store": len(burrlab.Store(FILES / "store.jsonl")), "fit": burrlab.Fit.from_json(FILES / "fit.json").to_dict()["intervals"],
         "descent": burrlab.Descent.load(FILES / "descent.npz").penetration_velocity,
         "curve": plain(burrlab.VelocityCurve.from_csv(FILES / "curve.csv").velocity),
     }  # fmt: skip

@@ -75,8 +75,7 @@ def test_same_frames_give_same_parcels() -> None:
 def test_decisions_of_the_clock_can_be_given_again() -> None:
     hurried, _ = carved(30, decisions=(decisions := []), budget=1e-5)
     report = hurried.report()
-    assert report.sub_steps_least == 1
-    assert min(report.crowded, report.over_budget) > 0
+    assert min(report.crowded, report.over_budget, report.sub_steps_least == 1) > 0
     again, _ = carved(30, decisions)
     assert (hurried.parcels == again.parcels).all()
 

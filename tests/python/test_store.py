@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from session_scenes import refused
 
 import burrlab
-from burrlab.common.study import _HEADER, LATER, Store, key_of
+from burrlab.common.study import _HEADER, LATER, Store, _name, key_of
 from burrlab.descent.sweep import SweepItem, run_item
+from burrlab.fitting import bootstrap, calibration, group_effects, observations, profile
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,22 @@ def test_every_parameter_of_a_descent_is_in_its_key(name, change):
 
 def test_a_key_says_function_item_and_version(monkeypatch):
     key = key_of(run_item, ITEM)
-    assert key == key_of(run_item, replace(ITEM)), "equal items, equal keys"
-    assert key != key_of(burrlab.descend, ITEM)
+    assert key_of(burrlab.descend, ITEM) != key == key_of(run_item, replace(ITEM)), "equal items, equal keys"
     monkeypatch.setattr("burrlab.common.study.SAME_NUMBERS_SINCE", "0.0.0")
     assert key != key_of(run_item, ITEM)
+
+
+def test_names_in_the_keys_of_a_bootstrap_stay():
+    assert [
+        _name(kind).removeprefix("burrlab.fitting.")
+        for kind in (
+            bootstrap.BootstrapItem, bootstrap.MixedItem, calibration.MixedCalibration, group_effects.MixedEffect,
+            group_effects.MixedEvidence, observations.Box, observations.Group, observations.Observations, profile.ConfidenceInterval,
+        )
+    ] == [
+        "bootstrap.BootstrapItem", "bootstrap.MixedItem", "calibration.MixedCalibration", "mixed.MixedEffect",
+        "mixed.MixedEvidence", "observations.Box", "observations.Group", "observations.Observations", "profile.Interval",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -88,8 +101,11 @@ def test_what_is_the_same_has_the_same_key():
     earlier.__module__ = Item.__module__
     assert key_of(run_item, Item(1.0)) == key_of(run_item, earlier(1.0)), "a field of later, at its default"
     bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
-    assert key_of(run_item, bone) == key_of(run_item, bone.copy())
-    assert key_of(run_item, bone) != key_of(run_item, burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254))
+    assert (
+        key_of(run_item, burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254))
+        != key_of(run_item, bone)
+        == key_of(run_item, bone.copy())
+    )
 
 
 VALUES = st.recursive(

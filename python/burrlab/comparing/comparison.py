@@ -21,7 +21,7 @@ from burrlab.fitting.calibration import Threshold, covariance_of
 from burrlab.fitting.diagnostics import HypothesisTest, concluded
 from burrlab.fitting.linear import OFFSETS, check_names
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
+from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, ConfidenceInterval, Domain, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span
@@ -53,7 +53,7 @@ class Ratio:
     """A quantity of the second set over that of the first, and its interval; None is an open end."""
 
     value: float
-    interval: Interval
+    interval: ConfidenceInterval
 
     @property
     def verdict(self) -> str:
@@ -641,7 +641,9 @@ class _LogRatio:
 def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
     """The ratio that a difference of logarithms is; an end beyond all numbers is open."""
     lower, upper = (float(np.exp(end)) if abs(end) < ENDLESS else None for end in difference.ends(level))
-    return Ratio(float(np.exp(np.clip(difference.value, -ENDLESS, ENDLESS))), Interval(lower, upper))
+    return Ratio(
+        float(np.exp(np.clip(difference.value, -ENDLESS, ENDLESS))), ConfidenceInterval(lower, upper)
+    )
 
 
 def _ratios(
@@ -660,7 +662,7 @@ def _ratios(
     if pair is not None and pair.allows_one_c_e:
         for name in ("c_e", "alpha"):  # the sets apart may exclude what the joint test allows
             lower, upper = ratios[name].interval.lower, ratios[name].interval.upper
-            interval = Interval(lower and min(lower, 1.0), upper and max(upper, 1.0))
+            interval = ConfidenceInterval(lower and min(lower, 1.0), upper and max(upper, 1.0))
             ratios[name] = replace(ratios[name], interval=interval)
     return ratios
 

@@ -25,7 +25,7 @@ from burrlab.common.table import Tabulated, probability_text
 from burrlab.fitting.diagnostics import POOR, HypothesisTest
 from burrlab.fitting.linear import components_of
 from burrlab.fitting.observations import Floats, Observations
-from burrlab.fitting.profile import Interval, plain_ends
+from burrlab.fitting.profile import ConfidenceInterval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import at_windows, span
@@ -54,7 +54,7 @@ class Exponent:
     value : float
         The best; of s the mean over laws, weighted by their likelihood.
     intervals : mapping
-        Level ``68``, ``95``, ``99.7`` -> Interval; None is open.
+        Level ``68``, ``95``, ``99.7`` -> ConfidenceInterval; None is open.
     grid, rise : ndarray, shape (m,)
         Values, and the rise of -2 log L there.
     limits : mapping
@@ -65,7 +65,7 @@ class Exponent:
 
     name: str
     value: float
-    intervals: Mapping[str, Interval]
+    intervals: Mapping[str, ConfidenceInterval]
     grid: Floats
     rise: Floats
     limits: Mapping[str, float]
@@ -75,7 +75,7 @@ class Exponent:
     def interval_text(self) -> str:
         """That of 95 % in words."""
         interval = self.intervals["95"]
-        return "no interval" if interval == Interval(None, None) else span(interval)
+        return "no interval" if interval == ConfidenceInterval(None, None) else span(interval)
 
 
 @dataclass(frozen=True)

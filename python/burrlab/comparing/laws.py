@@ -30,7 +30,7 @@ from burrlab.fitting.likelihood import MODEL_ERROR, means_of_runs, minus2_of, ru
 from burrlab.fitting.linear import OFFSETS, Uncertain, moved_rows
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Data, Floats, Observations
-from burrlab.fitting.profile import LEVELS, Interval
+from burrlab.fitting.profile import LEVELS, ConfidenceInterval
 from burrlab.fitting.result import Fit
 from burrlab.measured.curve import Indentation
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, PER_SECOND, Law, MasterCurve
@@ -408,7 +408,7 @@ def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]
                 ends.append(float(grid[at] + part * (grid[beyond] - grid[at])))
             else:
                 ends.append(least if beyond < 0 else None)
-        intervals[level] = Interval(*ends)
+        intervals[level] = ConfidenceInterval(*ends)
     return Exponent(name, value, intervals, grid, rise - rise[best], dict(limits))
 
 
@@ -542,7 +542,9 @@ def _spared(
     }
     for spared in poor:
         for name in exponents.keys() - {spared}:
-            exponents[name] = replace(exponents[name], intervals=dict.fromkeys(LEVELS, Interval(None, None)))
+            exponents[name] = replace(
+                exponents[name], intervals=dict.fromkeys(LEVELS, ConfidenceInterval(None, None))
+            )
     return exponents, next(iter(poor.values()), lack)
 
 

@@ -21,7 +21,16 @@ from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, Mean
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows
-from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
+from burrlab.fitting.profile import (
+    BEYOND,
+    LEVELS,
+    ByLevel,
+    ByName,
+    ConfidenceInterval,
+    Domain,
+    lowest,
+    minima,
+)
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.slices import FREEDOM
 from burrlab.fitting.verdict import span
@@ -254,14 +263,14 @@ class Bootstrap:
     seed: int
 
     @property
-    def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
+    def intervals(self) -> Mapping[str, Mapping[str, ConfidenceInterval]]:
         """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
         intervals = ByName()
         for name in ("c_e", "alpha", "combination"):
             values, intervals[name] = np.sort(getattr(self, name)), ByLevel()
             for level, p in LEVELS.items():
                 places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
-                intervals[name][level] = Interval(
+                intervals[name][level] = ConfidenceInterval(
                     *(float(end) if np.isfinite(end) else None for end in values[places])
                 )
         return intervals

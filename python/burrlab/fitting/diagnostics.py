@@ -16,7 +16,7 @@ from burrlab.common.table import holm, probability_text
 from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, Interval, Walk, lowest, ranges
+from burrlab.fitting.profile import ConfidenceInterval, Domain, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT
@@ -520,7 +520,7 @@ class Row:
         |studentised| is beyond the limit that some row reaches in 5 % of clean data sets.
     c_e, alpha : float
         The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none, or are too many.
-    interval : Interval
+    interval : ConfidenceInterval
         95 % interval of c_e without the row.
     """
 
@@ -532,7 +532,7 @@ class Row:
     named: bool
     c_e: float
     alpha: float
-    interval: Interval
+    interval: ConfidenceInterval
 
     @property
     def sentence(self) -> str:
@@ -670,10 +670,10 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
     return leverage, r / np.sqrt(variance * free), -float(limit)
 
 
-_NO_FIT = np.nan, np.nan, Interval(None, None)
+_NO_FIT = np.nan, np.nan, ConfidenceInterval(None, None)
 
 
-def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, float, Interval]:
+def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, float, ConfidenceInterval]:
     """c_e, alpha and c_e's 95 % interval without a velocity row."""
     keep = np.arange(len(likelihood.observations.force)) != row
     try:

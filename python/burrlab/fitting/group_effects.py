@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 from scipy import special
 
+from burrlab.common.study import stored_as
 from burrlab.common.table import by_value, probability_text
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.diagnostics import restarting
@@ -14,13 +15,14 @@ from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.linear import EACH, OFFSETS, LinearModel, MixedEquations, components_of, moved_by
 from burrlab.fitting.mixed import MILLION, MixedLikelihood
 from burrlab.fitting.observations import Floats, Observations
-from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
+from burrlab.fitting.profile import ALPHA, Combination, ConfidenceInterval, Domain, ranges
 
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 
 
+@stored_as("burrlab.fitting.mixed.MixedEffect")
 @dataclass(frozen=True)
 class MixedEffect:
     """What differs between the levels of a group, or an offset.
@@ -33,7 +35,7 @@ class MixedEffect:
     deviation : float or None
         Standard deviation between levels: of ln c_e or ln alpha (0.1 is about 10 %), or of the offset [N], [mm].
         None of an offset that the data tell.
-    interval : Interval or None
+    interval : ConfidenceInterval or None
         The deviation's 95 % interval; the lower end is 0 where the data allow no difference. None where the
         deviation was given.
     values, errors : tuple of float
@@ -47,7 +49,7 @@ class MixedEffect:
     quantity: str
     levels: tuple[str, ...]
     deviation: float | None
-    interval: Interval | None
+    interval: ConfidenceInterval | None
     values: tuple[float, ...]
     errors: tuple[float, ...]
     freedom: float = np.inf
@@ -71,6 +73,7 @@ class MixedEffect:
         return self.values[0] - t * self.errors[0], self.values[0] + t * self.errors[0]
 
 
+@stored_as("burrlab.fitting.mixed.MixedEvidence")
 @by_value
 @dataclass(frozen=True)
 class MixedEvidence:
@@ -254,7 +257,7 @@ def _size(deviation: float) -> str:
     return f"{100 * deviation:.2g} %"
 
 
-def _span(interval: Interval) -> str:
+def _span(interval: ConfidenceInterval) -> str:
     assert interval.lower is not None
     if interval.upper is None or interval.upper >= MILLION:
         return f"{_size(interval.lower)} up"
@@ -264,7 +267,7 @@ def _span(interval: Interval) -> str:
 
 def _deviation_interval(
     model: LinearModel, equations: MixedEquations, block: slice, estimate: float
-) -> Interval:
+) -> ConfidenceInterval:
     """95 % interval of a standard deviation between levels, by a generalised pivot.
 
     Beside all other effects as parameters, the level's part of the rows is u ~ N(0, sigma^2 + tau^2 lambda_i), and
@@ -290,7 +293,7 @@ def _deviation_interval(
     freedom = int(model.n.sum()) - basis.shape[1] - int(used.sum())
     S = max(float(r @ r - u2.sum()), 1e-12)  # rows without scatter are on the curve to rounding
     if not len(u2) or freedom < 1:
-        return Interval(0.0, None)
+        return ConfidenceInterval(0.0, None)
     chi2 = special.chdtri(freedom, (np.arange(_WEIGHTS) + 0.5) / _WEIGHTS)
     u2 = np.maximum(u2, 1e-6 * S / freedom)  # levels that are all alike
 
@@ -310,4 +313,4 @@ def _deviation_interval(
         return float(scipy.optimize.brentq(lambda x: above(x) - p, 0.0, high))
 
     upper = max(end(0.025 * (above(0.0) if above(0.0) <= 0.025 else 1.0)), estimate)
-    return Interval(min(end(0.975), estimate), None if upper == np.inf else upper)
+    return ConfidenceInterval(min(end(0.975), estimate), None if upper == np.inf else upper)

@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from burrlab.common.check import check_same_length, nearest, refuse
+from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.likelihood import Likelihood
@@ -31,8 +32,9 @@ def level_name(level: str | float) -> str:
     return name
 
 
+@stored_as("burrlab.fitting.profile.Interval")
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """A range at one level; None is an open end, where the data give no limit."""
 
     lower: float | None
@@ -50,10 +52,10 @@ class Interval:
         return self.upper / self.lower if self.upper is not None and self.lower else np.inf
 
 
-class ByLevel(dict[str, Interval]):
+class ByLevel(dict[str, ConfidenceInterval]):
     """Intervals by level: ["95"] and [95] are one."""
 
-    def __getitem__(self, level: str | float) -> Interval:
+    def __getitem__(self, level: str | float) -> ConfidenceInterval:
         return super().__getitem__(level_name(level))
 
 
@@ -64,7 +66,9 @@ class ByName(dict[str, ByLevel]):
         raise ValueError(f"intervals are of {', '.join(self)}: got {name!r}{nearest(name, self)}")
 
 
-def plain_ends(intervals: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, list[float | None]]]:
+def plain_ends(
+    intervals: Mapping[str, Mapping[str, ConfidenceInterval]],
+) -> dict[str, dict[str, list[float | None]]]:
     """Intervals by name and level as [lower, upper], ready for JSON."""
     return {
         name: {level: [ends.lower, ends.upper] for level, ends in levels.items()}
@@ -107,13 +111,13 @@ class Combination:
 
     exponent: float
     value: float  #: [1/ms (mm^2/N)^exponent]
-    intervals: Mapping[str, Interval]
+    intervals: Mapping[str, ConfidenceInterval]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "intervals", ByLevel(self.intervals))
 
     @property
-    def interval(self) -> Interval:
+    def interval(self) -> ConfidenceInterval:
         """At 95 %."""
         return self.intervals["95"]
 
@@ -134,7 +138,7 @@ class Profile:
     limits : mapping
         Level -> rise that bounds c_e's interval; see `Calibration`.
     intervals : mapping
-        ``c_e``, ``alpha`` -> level ``68``, ``95``, ``99.7`` -> Interval.
+        ``c_e``, ``alpha`` -> level ``68``, ``95``, ``99.7`` -> ConfidenceInterval.
     identified : Combination
     regions : mapping
         Level -> Region.
@@ -150,7 +154,7 @@ class Profile:
     alpha: Floats
     alpha_rise: Floats
     limits: Mapping[str, float]
-    intervals: Mapping[str, Mapping[str, Interval]]
+    intervals: Mapping[str, Mapping[str, ConfidenceInterval]]
     identified: Combination
     regions: Mapping[str, Region]
     at_infinity: float
@@ -290,7 +294,7 @@ class Ranges:
     base: float
     limits: Mapping[str, float]
     joint: Mapping[str, float]  #: level -> rise that bounds the joint region
-    intervals: Mapping[str, Mapping[str, Interval]]
+    intervals: Mapping[str, Mapping[str, ConfidenceInterval]]
     identified: Combination
 
 
@@ -549,23 +553,23 @@ def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list
     return walk
 
 
-def _range_of_c_e(walk: Walk, domain: Domain, target: float) -> Interval:
+def _range_of_c_e(walk: Walk, domain: Domain, target: float) -> ConfidenceInterval:
     inside = np.flatnonzero(walk.minus2 <= target)
     first, last = int(inside[0]), int(inside[-1])
-    return Interval(
+    return ConfidenceInterval(
         None if first == 0 and not domain.low_hard else float(walk.c_e[first]),
         None if last == len(walk.c_e) - 1 and not domain.high_hard else float(walk.c_e[last]),
     )
 
 
-def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
+def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> ConfidenceInterval:
     low, high = walk.band(target)
     c_e = _range_of_c_e(walk, domain, target)
     # alpha rises with c_e along the likelihood: it is open where c_e is
     lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
     with np.errstate(divide="ignore"):
         endless = -np.inf < np.log(lowest) < -ENDLESS, np.log(highest) > ENDLESS
-    return Interval(
+    return ConfidenceInterval(
         None if c_e.lower is None or endless[0] or 0 < domain.alpha[0] >= lowest else lowest,
         None if c_e.upper is None or endless[1] or highest >= domain.alpha[1] else highest,
     )
@@ -609,13 +613,17 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
     return (first + root(first + 100 * _LEVEL, -_LEVEL)) / 2
 
 
-def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> Interval:
+def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> ConfidenceInterval:
     x, low, high = _band(walk, target)
     lower, upper = np.min(low - exponent * x), np.max(high - exponent * x)
     if unbounded:  # along the ridge the combination goes to 0 or infinity with c_e
         rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
-        return Interval(float(np.exp(lower)), None) if rising else Interval(None, float(np.exp(upper)))
-    return Interval(
+        return (
+            ConfidenceInterval(float(np.exp(lower)), None)
+            if rising
+            else ConfidenceInterval(None, float(np.exp(upper)))
+        )
+    return ConfidenceInterval(
         None if -np.inf < lower < -ENDLESS else float(np.exp(lower)),
         None if upper > ENDLESS else float(np.exp(upper)),
     )

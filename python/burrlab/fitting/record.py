@@ -17,7 +17,15 @@ from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, 
 from burrlab.fitting.group_effects import MixedEffect, MixedEvidence
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
-from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.profile import (
+    LEVELS,
+    ByLevel,
+    ByName,
+    Combination,
+    ConfidenceInterval,
+    Profile,
+    plain_ends,
+)
 from burrlab.fitting.repairs import Repair, Sensitivity, repairs, sensitivities
 from burrlab.fitting.verdict import Ridge, Start, obstacle
 from burrlab.fitting.voxel import VoxelTable, model_of
@@ -25,7 +33,7 @@ from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
 
-_OPEN = Interval(None, None)
+_OPEN = ConfidenceInterval(None, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,8 +93,8 @@ class FitRecord(InJson):
         return self.evidence
 
     @property
-    def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
-        """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> Interval, by profile likelihood; None is open."""
+    def intervals(self) -> Mapping[str, Mapping[str, ConfidenceInterval]]:
+        """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> ConfidenceInterval, by profile likelihood; None is open."""
         if self.evidence is None:
             return ByName({name: ByLevel(dict.fromkeys(LEVELS, _OPEN)) for name in ("c_e", "alpha")})
         return self.evidence.profile.intervals
@@ -282,7 +290,7 @@ class Evidence:
     verdict: str
     better: tuple[float, float] | None = None
     goodness: Goodness | None = None
-    unscaled: Mapping[str, Mapping[str, Interval]] | None = None
+    unscaled: Mapping[str, Mapping[str, ConfidenceInterval]] | None = None
     plausibility: Plausibility | None = None
     rows: tuple[Row, ...] = ()
     mixed: MixedEvidence | None = None

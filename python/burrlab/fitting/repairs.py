@@ -12,7 +12,7 @@ from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Group
-from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
+from burrlab.fitting.profile import Combination, ConfidenceInterval, Domain, minima, ranges
 from burrlab.theory.continuum import Law
 
 _ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
@@ -88,7 +88,7 @@ class LevelLeftOut:
     c_e: float  #: without them [N/mm^2]; NaN where nothing could be fitted, as the next two
     alpha: float  #: [1/ms]
     combination: float  #: alpha/c_e^p, with the fit's p
-    c_e_interval: Interval  #: at 95 %
+    c_e_interval: ConfidenceInterval  #: at 95 %
 
 
 def without_levels(
@@ -97,7 +97,7 @@ def without_levels(
     """The fits without each level of a group; variances are estimated again."""
     results = []
     for k, label in enumerate(group.levels):
-        keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
+        keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, ConfidenceInterval(None, None)
         try:
             o = plain.observations.kept(keep)
             mixed, domain, _ = fitted_again(

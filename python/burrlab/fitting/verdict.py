@@ -7,7 +7,7 @@ import numpy as np
 
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Box, Observations
-from burrlab.fitting.profile import FLAT, ONE_PLACE, Combination, Interval, Profile
+from burrlab.fitting.profile import FLAT, ONE_PLACE, Combination, ConfidenceInterval, Profile
 
 _RIDGE_PHI = 0.7  # at the point taken on the ridge, largest phi over the phi where the ridge ends
 _AT_BOUND = 1e-3  # relative distance below which an end is at a bound
@@ -147,7 +147,7 @@ def equally_good(objective: float, best: Start, n: int) -> bool:
     return bool(np.sqrt(objective / n) <= np.sqrt(best.objective / n) * (1 + _EQUAL) + 1e-6)
 
 
-def obstacle(c_e: Interval, alpha: Interval, windows: float, status: str = "") -> str:
+def obstacle(c_e: ConfidenceInterval, alpha: ConfidenceInterval, windows: float, status: str = "") -> str:
     """Why c_e and alpha are not separately identified; empty where they are.
 
     They are where both 95 % intervals are closed, c_e's spans less than a factor of 2 and begins above the bound that
@@ -161,12 +161,14 @@ def obstacle(c_e: Interval, alpha: Interval, windows: float, status: str = "") -
     return _UNFIT.get(status, begins)
 
 
-def at_windows(c_e: Interval, windows: float) -> bool:
+def at_windows(c_e: ConfidenceInterval, windows: float) -> bool:
     """Whether an interval of c_e begins at the bound that the windows set [N/mm^2]."""
     return c_e.lower is not None and c_e.lower <= windows * (1 + _AT_BOUND)
 
 
-def sentence(o: Observations, c_e: Interval, alpha: Interval, identified: Combination, status: str) -> str:
+def sentence(
+    o: Observations, c_e: ConfidenceInterval, alpha: ConfidenceInterval, identified: Combination, status: str
+) -> str:
     """The verdict in plain words, at 95 %."""
     rows = f"these {len(o)} points ({o.recorded_force.min():.3g} to {o.recorded_force.max():.3g} N)"
     windows = float(o.c_e_bounds().max())
@@ -187,14 +189,14 @@ def sentence(o: Observations, c_e: Interval, alpha: Interval, identified: Combin
     )
 
 
-def span(interval: Interval) -> str:
+def span(interval: ConfidenceInterval) -> str:
     """An interval in words; an open end is called open."""
     low = "open" if interval.lower is None else f"{interval.lower:.3g}"
     high = "open" if interval.upper is None else f"{interval.upper:.3g}"
     return f"{low} to {high}"
 
 
-def within(c_e: Interval) -> str:
+def within(c_e: ConfidenceInterval) -> str:
     if c_e.closed:
         return f"within {span(c_e)} N/mm^2"
     if c_e.lower is not None:

@@ -1,6 +1,6 @@
 """The likelihood of a fit on a grid over its joint region, and the region that new data would leave."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -53,7 +53,7 @@ class NewData:
         return d
 
     def calibration(self, old: AnyCalibration) -> AnyCalibration:
-        """The calibration of the fit with these data: a new level changes it, or a scatter of their own, of c_e alone."""
+        """The calibration of the fit with these data: that of a new level, or of a scatter of their own, of c_e alone."""
         if not (self.own and isinstance(old, Calibration)):
             return self.level or old
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
@@ -72,10 +72,12 @@ class NewData:
 class _OneMoreLevel(RowProducts):
     """The rows of a fit near its best point, and one more row of a new day and specimen.
 
+    The new row tells no offset, and counts for the first scatter.
+
     Parameters
     ----------
-    of : RowProducts
-        The rows of the fit.
+    rows : RowProducts
+        Those of the fit.
     slopes : ndarray, shape (2,)
         Of the new row, over (log c_e, log alpha).
     n : int
@@ -84,16 +86,16 @@ class _OneMoreLevel(RowProducts):
         Of the new row among those of the first scatter.
     """
 
-    def __init__(self, of: RowProducts, slopes: Floats, n: int, weight: float) -> None:
-        ends, common = [of.blocks[k].stop for k in of.estimated], np.zeros(len(of.products[0]) - 3)
-        own = [slopes[int(of.components[k].quantity == "alpha")] for k in of.estimated]
-        row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, own)
-        self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in of.products]
+    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float) -> None:
+        ends, common = [rows.blocks[k].stop for k in rows.estimated], np.zeros(len(rows.products[0]) - 3)
+        level_slopes = [slopes[int(rows.components[k].quantity == "alpha")] for k in rows.estimated]
+        row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, level_slopes)
+        self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in rows.products]
         self.products[0] += weight * np.outer(row, row)
-        self.n, self.known = of.n + n * (np.arange(len(of.n)) == 0), of.known
+        self.n, self.known = rows.n + n * (np.arange(len(rows.n)) == 0), rows.known
         self.components = [
-            replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in of.estimated))))
-            for k, x in enumerate(of.components)
+            replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in rows.estimated))))
+            for k, x in enumerate(rows.components)
         ]
 
 
@@ -199,8 +201,11 @@ class RegionGrid:
     high_hard: bool
 
     @classmethod
-    def of(cls, fit: FitRecord) -> "RegionGrid":
-        """The grid of a fit, up to the upper bound of its search where the region is open."""
+    def of(cls, fit: FitRecord, levels: Sequence[AnyCalibration | None] = ()) -> "RegionGrid":
+        """The grid of a fit, up to the upper bound of its search where the region is open.
+
+        It holds the regions with the limits of `levels`, too: those of the fit with new data.
+        """
         calibration = fit._evidence().calibration
         refuse(
             any(x.quantity in ("c_e", "alpha") and x.interval is None for x in fit.effects),
@@ -208,8 +213,9 @@ class RegionGrid:
         )
         box = Box(*zip(fit.bounds["c_e"], fit.bounds["alpha"], strict=True))
         domain = Domain.of(fit.likelihood, box, fit.given_bounds)
-        limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
-        # the truth itself stays possible, so no point of a new region is higher than this
+        limit = max(each.limit(LEVELS["95"]) for each in (calibration, *levels) if each)
+        farthest = calibration.limit(LEVELS["99.7"])
+        # the truth stays possible, so no point of a region with these limits is higher than this
         reach = limit + farthest
         end = min(domain.high, box.upper[0])
         c_e = np.geomspace(domain.low, end, _COARSE)

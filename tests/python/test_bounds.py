@@ -164,8 +164,9 @@ BOMBS = [
     ("a.yaml", laughs("{x: 1}", "{{<<: [{}]}}"), STACK.replace(", spacing=1", ""),
      # PyYAML 6.0.4 merges each pair once, so the mapping stays small.
      "a mapping must have at most 300000 keys|images must be there"),
-    ("a.csv", lambda path: (path.touch(), os.truncate(path, 200_000_000)), "burrlab.VelocityCurve.from_csv({!r})",
-     "a.csv: the file needs 1 GB of memory, and 0.5 GB are"),
+    *[(name, lambda path: (path.touch(), os.truncate(path, 200_000_000)), f"burrlab.{reader}({{!r}})",
+       f"{name}: the file needs 1 GB of memory, and 0.5 GB are")
+      for name, reader in (("a.csv", "VelocityCurve.from_csv"), ("a.json", "Fit.from_json"), ("a.vrpn", "read_vrpn_log"))],
     ("a.h5", lambda path: bone(path, 2000), BONE, "cannot hold 8000000000"),
     ("a.h5", lambda path: bone(path, 64), BONE, "must have chunks of 262144 bytes, got 262145 or more"),
     ("a.h5", trace, "burrlab.load_trace({!r})", "cannot hold 4400000000"),

@@ -161,7 +161,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
             ("\n0,5,0,12,\n", [], "line 2: 3 fields are due, found 5"), ("\n1,5,12,\n", [], "line 2: '1,5,12,' may have commas in"),
             (",remark\n2,3,,\n1,5,0,12,,\n", [], "line 3: '1,5,0,12,,' may have"), (",,\n1,5,0,12,\n", [], "line 2: '1,5,0,12,' may"),
             ("\n\"1,5\",0,12,\n", ["--decimal", ","], "line 2: '1,5,0,12,' may have commas in its decimals: put such numbers in "
-             "quotation marks; if commas only separate, give decimal='.' (--decimal .)\n"),
+             "quotation marks, or take the comma off the end of each line; if commas only separate, give decimal='.' (--decimal .)\n"),
             ("\n0,5,12,\n", ["--decimal", "."], "line 2, column force_N: must be a finite number above 0"),
         ]),
         ("a  b\n1;2\n", ["--columns", NAMES],

@@ -1,6 +1,7 @@
 """Results of a watch: tables at known places in a trace, and events that print as a sentence."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -88,9 +89,10 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
     group = file[GROUP]
     settings = json.loads(read_dataset(group, "settings"))
     limits = [row[key] for row in settings["structures"] for key in ("approach_mm", "touch_mm", "injury_mm3")]
+    limits.append(settings["hysteresis_mm"])
     refuse(
         not all(isinstance(row["name"], str) for row in settings["structures"])
-        or not np.isfinite([settings["hysteresis_mm"], *limits]).all(),
+        or not all(isinstance(limit, int | float) and math.isfinite(limit) for limit in limits),
         "its structures must have names and limits",
     )
     refuse(group["events"].dtype != EVENT_DTYPE, "its events have other columns than this format has")

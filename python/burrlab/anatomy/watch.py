@@ -208,7 +208,7 @@ class Watch:
         """A watch with these settings, but for `other` parameters, on an equal bone. ValueError, KeyError or
         TypeError if invalid."""
         recorded = {row["name"]: row for row in settings["structures"]}
-        names = other.get("structures", list(recorded))
+        names = other.get("structures", [row["name"] for row in settings["structures"]])
         limits: dict[str, Any] = {
             limit: {name: recorded[name][f"{limit}_{unit}"] for name in names if name in recorded}
             for limit, unit in (("approach", "mm"), ("touch", "mm"), ("injury", "mm3"))

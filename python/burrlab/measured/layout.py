@@ -48,6 +48,9 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
     }.items()
 }  # fmt: skip
 _KNOWN = sorted((unit for factors in UNITS.values() for unit in factors), key=len, reverse=True)
+#: Two fields, parted by a tab, that may be one number with a decimal comma; and a field that is a number.
+_PAIR = re.compile(r"(?<![^\t])[+-]?\d+\t\d+(?:[eE][+-]?\d+)?(?![^\t])")
+_NUMBER = re.compile(r"(?<![^\t])[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?(?![^\t])")
 _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 _TAIL = re.compile(rf"(?:^|[\s_,/=])({'|'.join(unit.replace('/', '[/_]') for unit in (*_KNOWN, *_MEANT))})$")
 #: Units amid a heading, such as "v_um_s.1"; not um, in and min between blanks, which are words.
@@ -286,6 +289,7 @@ class TableLayout:
         faults += (f"{head}: {fault}" for fault in self.table.unpaired(labels.values()))
         # The rows: units and comments are passed over, then repeats are split, then the table checks them.
         rows = self.rows_of_numbers(name, kind, keys, places, records, faults)
+        rows = self.without_doubtful(rows, kind, keys, places, faults)
         repeated = {column for column, indices in places.items() if len(indices) > 1} - optional
         self.columns = self.table.checked(self.single_rows(rows, places, repeats, repeated, other), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
@@ -329,7 +333,7 @@ class TableLayout:
         """Where each row of numbers stands, and its fields; comments, repeated headings and units are passed over."""
         used = [(column, i) for column, indices in places.items() for i in indices]
         last_used, labelled = max(i for _, i in used), list(map(_key, self.group_headings.values()))
-        may_be_units, is_clear, doubtful = kind == "line", kind == "row" or self.is_clear, list[str]()
+        may_be_units = kind == "line"
         for number, fields in records:
             where = f"{name}, {kind} {number}"
             if not any(fields):
@@ -349,26 +353,33 @@ class TableLayout:
                 may_be_units and self.units_in(where, [(column, fields[i]) for column, i in used], faults)
             ):
                 may_be_units = False
-                is_clear = is_clear or (self.decimal == "." and any("." in fields[i] for _, i in used))
-                if not is_clear and self.fits_joined(fields, keys):
-                    doubtful.append(f"{where}: {shown(','.join(fields))}")
                 yield where, fields
-        if doubtful and not is_clear:  # other faults may come from it
-            faults[:] = [
-                f"{doubtful[0]} may have commas in its decimals: put such numbers in quotation marks; if commas "
-                "only separate, give decimal='.' (--decimal .)"
+
+    def without_doubtful(
+        self, rows: Iterable[tuple[str, list[str]]], kind: str, keys: list[str],
+        places: Mapping[str, list[int]], faults: list[str],
+    ) -> Iterator[tuple[str, list[str]]]:  # fmt: skip
+        """The rows; if commas may stand in decimals, as no number with a point shows, that is their one fault."""
+        used = [i for indices in places.values() for i in indices]
+        doubtful, is_clear, n_before = "", kind == "row" or self.is_clear, len(faults)
+        for where, fields in rows:
+            is_clear = is_clear or (self.decimal == "." and any("." in fields[i] for i in used))
+            if not (doubtful or is_clear) and self.fits_joined(fields, keys):
+                doubtful = f"{where}: {shown(','.join(fields))}"
+            yield where, fields
+        if doubtful and not is_clear:
+            faults[n_before:] = [
+                f"{doubtful} may have commas in its decimals: put such numbers in quotation marks, or take the "
+                "comma off the end of each line; if commas only separate, give decimal='.' (--decimal .)"
             ]
 
     def fits_joined(self, fields: list[str], keys: list[str]) -> bool:
         """Whether a row has more fields than headings, and fits if some of its commas stand in decimals."""
-        filled, named = (
-            max((i for i, text in enumerate(row, 1) if text), default=0) for row in (fields, keys)
-        )
-        pairs, numbers = (
-            len(re.findall(rf"(?<![^\t])[+-]?{what}(?:[eE][+-]?\d+)?(?![^\t])", "\t".join(fields)))
-            for what in (r"\d+\t\d+", r"\d[\d.,]*")
-        )
-        return 0 < max(len(fields) - len(keys), filled - named) <= min(pairs, numbers - len(self.required))
+        last_field = max((i for i, text in enumerate(fields, 1) if text), default=0)
+        last_heading = max((i for i, key in enumerate(keys, 1) if key), default=0)
+        excess = max(len(fields) - len(keys), last_field - last_heading)
+        pairs, numbers = (len(pattern.findall("\t".join(fields))) for pattern in (_PAIR, _NUMBER))
+        return 0 < excess <= min(pairs, numbers - len(self.required))
 
     def single_rows(
         self, rows: Iterable[tuple[str, list[str]]], places: Mapping[str, list[int]], repeats: int,

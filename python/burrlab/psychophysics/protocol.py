@@ -679,7 +679,7 @@ class Protocol:
                 if (other := read_side_car(path)) is not None:
                     break
             except (ValueError, OSError) as error:  # it stops the analysis, not this subject
-                notes.append(f"the task was not compared with another subject's: {error}")
+                notes.append(f"another subject's side-car was passed over: {error}")
         changes = "; ".join(() if other is None else other.differences(car, across_subjects=True))
         refuse(changes, f"{self.path}: others had another task {task}: {in_one_line(changes, 2000)}")
         self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)

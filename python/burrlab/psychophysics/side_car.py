@@ -503,8 +503,9 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
     file = side_car_path(path)
     if not file.exists():
         return None
+    content = content_of(file)
     try:
-        values = json.loads(content_of(file))
+        values = json.loads(content)
     except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
     with amend_error(f"{file}: "):

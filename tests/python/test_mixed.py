@@ -15,7 +15,7 @@ from session_scenes import refused
 import burrlab
 from burrlab import Indentation, VelocityCurve
 from burrlab.comparing.paired import ERROR
-from burrlab.fitting.group_effects import _size
+from burrlab.fitting.group_effects import deviation_text
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, Slopes, components_of
 from burrlab.fitting.profile import C_E
@@ -310,7 +310,7 @@ class TestOffsets:
                                       status=["ok", "ok", "ok", "overloaded"])  # fmt: skip
         fit = burrlab.fit(curve, uncertain={"surface": 0.05})
         assert fit.identified.intervals["95"].ratio() > 1
-        assert [_size(x) for x in (0.1, 1.0, 800.0)] == [
+        assert [deviation_text(x) for x in (0.1, 1.0, 800.0)] == [
             "10 %",
             "a factor of 2.7",
             "a factor of over a million",

@@ -11,6 +11,7 @@ from fit_scenes import BONE, BURR
 from session_scenes import refused
 
 import burrlab
+from burrlab.fitting.group_effects import deviation_text
 from burrlab.measured.curve import VelocityCurve
 
 FORCES = np.geomspace(0.3, 2.2, 8)
@@ -62,10 +63,8 @@ def test_power_grows_with_what_helps(tmp_path):
             "within must be given: a fit of absolute residuals",
         )
     )
-    assert all(
-        text in repr(study)
-        for text in ("seen in 80 % with 6 specimens and 6 runs of each drill in each", "by none of these")
-    )
+    texts = "is seen in 80 % with 6 specimens and 6 runs of each drill in each", "by none of these"
+    assert [text in study.verdict for text in texts] == [True, True]
     study.to_json(tmp_path / "study.json")
     assert repr(burrlab.ComparisonPower.from_json(tmp_path / "study.json")) == repr(study)
     assert study.plot().get_ylabel() == "power to see 10 % of α [1]"
@@ -85,7 +84,7 @@ def test_sizes_come_from_a_fit_with_specimens(days):
     assert study.between == pytest.approx({**deviations, "difference": 0.0})
     assert (study.unit, len(of_alpha)) == ("specimen", days)
     upper = np.linalg.norm([x.interval.upper for x in of_alpha])
-    assert f"but up to {100 * upper:.2g} % is possible" in study.verdict
+    assert f"but by up to {deviation_text(upper)} is possible" in study.verdict
 
 
 def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
@@ -148,15 +147,17 @@ def test_command(tmp_path, capsys):
     ("call", "error", "match"),
     [
         (lambda: burrlab.compare_power(3), TypeError, "fit must be a Fit"),
-        (lambda: burrlab.compare_power(PILOT), ValueError, "between must be given, such as"),
+        (lambda: burrlab.compare_power(PILOT), ValueError, "between must hold alpha, such as"),
         (lambda: burrlab.compare_power(PILOT, 1.0), ValueError, "ratio must lie between 0.1 and 10 and be other"),
         (lambda: burrlab.compare_power(PILOT, specimens=[1]), ValueError, "specimens must be 2 or more each"),
         (lambda: burrlab.compare_power(PILOT, runs=[]), ValueError, "runs must be 3 or more each"),
-        (lambda: burrlab.compare_power(PILOT, between={"day": 1.0}), ValueError, "between may hold c_e, alpha, diff"),
+        (lambda: burrlab.compare_power(PILOT, between={"difference": 0.1}), ValueError, "between must hold alpha, such as"),
+        (lambda: burrlab.compare_power(burrlab.fit(replace(PILOT.data[0], groups={"day": ["a", "b"] * 16})), between={"c_e": 0.1}), ValueError, "c_e of specimens, .* its groups are days"),
+        (lambda: burrlab.compare_power(PILOT, between={"day": 1.0, "alpha": 0.1}), ValueError, "between may hold c_e, alpha, diff"),
         (lambda: burrlab.compare_power(PILOT, between={"alpha": -1.0}), ValueError, "between of alpha must lie between 0 and 3"),
-        (lambda: burrlab.compare_power(PILOT, between={}, forces=[1.0, 2.0]), ValueError, "forces must be three or more"),
-        (lambda: burrlab.compare_power(PILOT, between={}, forces=[1.0, 2.0, 9.0]), ValueError, "that leave a window"),
-        (lambda: burrlab.compare_power(PILOT, between={}, within=0.0), ValueError, "within must be positive"),
+        (lambda: burrlab.compare_power(PILOT, between={"alpha": 0.1}, forces=[1.0, 2.0]), ValueError, "forces must be three or more"),
+        (lambda: burrlab.compare_power(PILOT, between={"alpha": 0.1}, forces=[1.0, 2.0, 9.0]), ValueError, "that leave a window"),
+        (lambda: burrlab.compare_power(PILOT, between={"alpha": 0.1}, within=0.0), ValueError, "within must be positive"),
         (lambda: burrlab.compare_power(PILOT, aim=1.0), ValueError, "aim must be above 0 and below 1"),
         (lambda: burrlab.run_sheet(FORCES, specimens=["a", " a"], runs=8), ValueError, "specimens must be one or more"),
         (lambda: burrlab.run_sheet(FORCES, specimens=2, runs=8, drills=[1, "1"]), ValueError, "drills must be one or more"),

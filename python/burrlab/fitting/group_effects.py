@@ -150,7 +150,7 @@ def effect_sentences(
     for group in likelihood.observations.groups:
         n_levels, name = len(group.levels), group.name
         differs = [
-            f"{x.quantity} differs by {_size(x.deviation)} ({_span(x.interval)})"
+            f"{x.quantity} differs by {deviation_text(x.deviation)} ({_span(x.interval)})"
             for x in effects if x.group == name and x.deviation is not None and x.interval is not None
         ]  # fmt: skip
         if differs:
@@ -250,7 +250,7 @@ def _widening(equations: MixedEquations, k: int, direction: Floats) -> float:
     return float(np.sqrt(variances[0] / variances[1]))
 
 
-def _size(deviation: float) -> str:
+def deviation_text(deviation: float) -> str:
     """A standard deviation of a logarithm."""
     if deviation >= _PER_CENT:
         return f"a factor of {np.exp(deviation):.2g}" if deviation < MILLION else "a factor of over a million"
@@ -260,9 +260,9 @@ def _size(deviation: float) -> str:
 def _span(interval: ConfidenceInterval) -> str:
     assert interval.lower is not None
     if interval.upper is None or interval.upper >= MILLION:
-        return f"{_size(interval.lower)} up"
-    low = f"{100 * interval.lower:.2g}" if interval.upper < _PER_CENT else _size(interval.lower)
-    return f"{low} to {_size(interval.upper)}"
+        return f"{deviation_text(interval.lower)} up"
+    low = f"{100 * interval.lower:.2g}" if interval.upper < _PER_CENT else deviation_text(interval.lower)
+    return f"{low} to {deviation_text(interval.upper)}"
 
 
 def _deviation_interval(

@@ -23,6 +23,7 @@ from burrlab.fitting.verdict import SEPARATE
 from burrlab.planning.region import NewData, RegionGrid, SharedOffsets, with_new_level
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, MasterCurve
 
+_END = 0.99 * WINDOW_STOP**1.5  # phi close to which a window ends
 _SHOWN = 8  # rows of the repr
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's palette
 _MARKERS = "osD^v<"
@@ -333,9 +334,12 @@ def design(
 
     law, curve = fit.law, MasterCurve(fit.shape)
     phi = law.master_phi(force / (fit.c_e * radius[:, None] ** 2))
-    slopes = law.stretch * np.nan_to_num(curve.local_slope(phi))  # of ln v by ln c_e, negated
+    # of ln v by ln c_e, negated; where the fit's c_e leaves no window, that at the last force where it does
+    slopes = law.stretch * np.asarray(curve.local_slope(np.minimum(phi, _END)))
     levels = [with_new_level(fit, np.array([-slope, 1.0]), n, scatter) for slope in slopes.flat]
-    static_level = with_new_level(fit, np.array([1.0, 0.0]), n, static_scatter) if len(depth) else None
+    static_level = (
+        with_new_level(fit, np.array([1.0, 0.0]), n, static_scatter, own=first) if len(depth) else None
+    )
     grid = RegionGrid.of(fit, [*levels, static_level])
     offsets = SharedOffsets(fit, grid)
     truth = grid.truths(truths, np.random.default_rng(seed))

@@ -17,6 +17,7 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value, label_in_file
 from burrlab.comparing.paired import ERROR, JointModel, difference_of
 from burrlab.fitting.calibration import MixedCalibration
+from burrlab.fitting.group_effects import deviation_text
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import LinearModel, MixedEquations, components_of
 from burrlab.fitting.observations import Floats, Observations
@@ -95,13 +96,15 @@ class ComparisonPower(InJson):
             texts.append(f"With both drills in {how}, {aim} {with_it}.")
         if self.unit == "specimen":
             texts.append(
-                "The first is for both drills on the same day or two: from three common days on a comparison allows for a "
-                "difference that varies from day to day, and with other days for each drill for that of the days; it then "
-                "sees less. The second is for each specimen on a day of its own, which counts if the fit knows how days differ."
+                "The first is for both drills on the same day or two. From three common days on, a comparison allows for a "
+                "difference that varies from day to day, and sees less. If the drills have different days, it allows for "
+                "the days, and sees less, too. The second takes each specimen on a day of its own, if the fit knows how "
+                "days differ."
             )
         texts += [
-            f"The fit puts the deviation of {name} between {self.unit}s at {100 * self.between[name]:.2g} %, but up to "
-            f"{'any' if end is None else f'{100 * end:.2g} %'} is possible; with it {self.unit}s of their own see less."
+            f"By the fit, all its groups together, {self.unit}s of their own differ in {name} by "
+            f"{deviation_text(self.between[name])}, but by up to {'any amount' if end is None else deviation_text(end)} is "
+            "possible; with it they see less."
             for name, end in self.up_to.items()
         ]
         return "\n".join(texts)
@@ -174,8 +177,8 @@ def compare_power(
         Specimens (or days) of each drill, 2 or more; and runs of each drill in each of them, 3 or more.
     between : dict, optional
         Standard deviations between specimens: of ln ``"c_e"`` and ln ``"alpha"``, and of the ``"difference"`` of ln
-        alpha between the drills. Those of the fit by default, where it knows several groups of all together; 0 for the
-        difference, which a fit cannot tell.
+        alpha between the drills. Those of the fit by default, of all its groups together; 0 for the difference,
+        which a fit cannot tell.
     within : float, optional
         Standard deviation of ln v between runs: 0.08 is 8 %. That of the fit by default, which one of absolute
         residuals has not.
@@ -207,10 +210,11 @@ def compare_power(
     powers of simulated comparisons beside these).
 
     If the fit knows days and specimens, each specimen is taken to have a day of its own, so that the variances of
-    both add up in ln alpha. In the same specimens both drills have that day, and it cancels. If each drill has a day
-    of its own there, the days are part of the difference: give this root 2 times their deviation. Where all runs are of
-    one day, give the specimens' deviation alone. Days that several specimens of one drill share, and the other drill
-    has not, tell less than any of these.
+    both add up in ln alpha. In the same specimens both drills have that day, and it cancels. If each drill has a
+    day of its own there, the days are part of the difference: give this root 2 times their deviation. Where all
+    runs are of one day, give the specimens' deviation alone. Days that several specimens of one drill share, and
+    the other drill has not, tell less than any of these. Two specimens of their own do not tell how c_e differs:
+    if it does, they find a difference as often as the test errs.
 
     Examples
     --------
@@ -280,13 +284,17 @@ def _between(
         TypeError,
     )
     refuse(
-        between is None and not estimated,
-        "between must be given, such as {'alpha': 0.1} (--between alpha=0.1): the fit knows no specimens or days",
+        not estimated and "alpha" not in (between or {}),
+        "between must hold alpha, such as {'alpha': 0.1} (--between alpha=0.1): the fit knows no specimens or days",
+    )
+    refuse(
+        unit != "specimen" and (between or {}).get("c_e"),
+        f"between may hold c_e of specimens, which the fit does not know: its groups are {unit}s",
     )
     # a specimen on a day of its own differs by what both do
-    of = {name: [x for x in estimated if x.quantity == name] for name in names}
+    by_name = {name: [x for x in estimated if x.quantity == name] for name in names}
     deviations: dict[str, float] = {
-        name: sum(float(x.deviation or 0.0) ** 2 for x in effects) ** 0.5 for name, effects in of.items()
+        name: sum(float(x.deviation or 0.0) ** 2 for x in effects) ** 0.5 for name, effects in by_name.items()
     }
     for name, value in (between or {}).items():
         refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
@@ -297,7 +305,7 @@ def _between(
         deviations[name] = float(value)
     ends = {
         name: [x.interval.upper for x in effects if x.interval]
-        for name, effects in of.items()
+        for name, effects in by_name.items()
         if effects and name not in (between or {})
     }
     up_to = {
@@ -322,6 +330,8 @@ def _power(
     within: float,
 ) -> float:
     """Probability that a comparison of given size finds the difference."""
+    if way == "apart" and n < 3 and between["c_e"]:  # two specimens do not tell how c_e differs
+        return ERROR
     labels = np.repeat(np.arange(n), len(force)).astype(str)
     curve = VelocityCurve(
         np.tile(force, n), np.ones(n * len(force)), radius=fit.radius, groups={unit: labels}

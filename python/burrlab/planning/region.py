@@ -72,7 +72,7 @@ class NewData:
 class _OneMoreLevel(RowProducts):
     """The rows of a fit near its best point, and one more row of a new day and specimen.
 
-    The new row tells no offset, and counts for the first scatter.
+    The new row tells no offset. It counts for the first scatter, or has one of its own.
 
     Parameters
     ----------
@@ -83,33 +83,45 @@ class _OneMoreLevel(RowProducts):
     n : int
         Rows that it is the mean of.
     weight : float
-        Of the new row among those of the first scatter.
+        Of the new row among those of its scatter.
+    own : bool
+        Whether no other rows share its scatter.
     """
 
-    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float) -> None:
+    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float, own: bool) -> None:
         ends, common = [rows.blocks[k].stop for k in rows.estimated], np.zeros(len(rows.products[0]) - 3)
         level_slopes = [slopes[int(rows.components[k].quantity == "alpha")] for k in rows.estimated]
         row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, level_slopes)
         self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in rows.products]
-        self.products[0] += weight * np.outer(row, row)
-        self.n, self.known = rows.n + n * (np.arange(len(rows.n)) == 0), rows.known
+        self.products += [np.zeros_like(self.products[0])] * own
+        self.n = np.append(rows.n, np.zeros(int(own)))
+        self.known = np.append(rows.known, np.zeros(int(own), np.bool_))
+        at = -1 if own else 0
+        self.products[at] += weight * np.outer(row, row)
+        self.n[at] += n
         self.components = [
             replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in rows.estimated))))
             for k, x in enumerate(rows.components)
         ]
 
 
-def with_new_level(fit: FitRecord, slopes: Floats, n: int, scatter: float) -> AnyCalibration | None:
+def with_new_level(
+    fit: FitRecord, slopes: Floats, n: int, scatter: float, own: bool = False
+) -> AnyCalibration | None:
     """The limits of a fit with n rows more, of a new day and specimen, at its variances; None without any.
 
-    They bring a degree of freedom: with few days it narrows the intervals more than what the rows say.
+    They bring a degree of freedom: with few days it narrows the intervals more than what the rows say. With a scatter
+    of their `own` they bring one of n - 1, too.
     """
     likelihood, old = fit.likelihood, fit._evidence().calibration
     if not isinstance(likelihood, MixedLikelihood) or not likelihood.linear.estimated:
         return None
     at = likelihood.equations
-    more = _OneMoreLevel(likelihood.linear, slopes, n, n * at.scatter2[0] / scatter**2)
-    new = MixedEquations(more, at.scatter2, at.effect2).uncertainty()
+    scatter2 = np.append(at.scatter2, [scatter**2 + MODEL_ERROR**2] * own)
+    weight = n * scatter2[-1 if own else 0] / scatter**2
+    new = MixedEquations(
+        _OneMoreLevel(likelihood.linear, slopes, n, weight, own), scatter2, at.effect2
+    ).uncertainty()
     return replace(new, monte_carlo=old.monte_carlo, inflation=old.inflation)
 
 

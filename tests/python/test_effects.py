@@ -43,8 +43,7 @@ def carved(frames: int, to_repeat=None, decisions=None, **options) -> tuple[Effe
 def test_balance_of_a_cut() -> None:
     effects, bone = carved(40, sucker=Sucker((1, 1, 0.5), rate=50))
     accounts = effects.balance()
-    assert accounts["blood"].made > 0
-    assert accounts["water"].sucked > 0
+    assert min(accounts["blood"].made, accounts["water"].sucked) > 0
     assert effects.removed[1] * effects.quantum == pytest.approx(bone.removed_of("sinus"), rel=1e-12)
     water = accounts["water"].volumes()
     assert water["made"] == pytest.approx(200, abs=2 * effects.quantum)
@@ -60,6 +59,7 @@ def test_parcels_are_what_the_balance_says() -> None:
         EffectParameters().dust_bulking * parcels["dust"] + parcels["blood"] + parcels["water"]
     )
     np.testing.assert_allclose(4 / 3 * np.pi * parcels["radius"] ** 3, volume, rtol=1e-12)
+    assert parcels.dtype.names == ("position", "velocity", "radius", "dust", "blood", "water", "age")
     assert ((parcels["dust"] > 0) & (parcels["water"] > 0)).any(), "no paste"
     kept = parcels.copy()
     effects.step(0.05)
@@ -113,8 +113,7 @@ def test_the_budget_decides_how_fine() -> None:
 
 
 def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
-    """The parcels are the same each time, and the water lasts as long as the trace. Bone that is restored buries no
-    parcel."""
+    """Parcels are the same each time, water lasts as long as the trace, and bone that is restored buries no parcel."""
     ended(session(0.98, record=tmp_path / "trace.h5"))
     trace, parcels = load_trace(tmp_path / "trace.h5"), []
     for _ in range(2):

@@ -223,6 +223,8 @@ def test_a_bone_without_tissues_has_no_watch(tmp_path) -> None:
             ({"hysteresis": 0.0}, "hysteresis of 'nerve' must be positive"),
             ({"approach": {"bone": 1.0}}, "approach must be of watched structures, got one of 'bone'"),
         ]),
+        (lambda _: Watch.of_settings(nerve_bone(), {"hysteresis_mm": 1.0, "structures": 2 * Watch(nerve_bone()).settings["structures"][:1]}),
+         "structures must differ, got nerve, nerve"),
         (lambda _: Watch(VoxelBone.block((2, 2, 2), 0.2)),
          "bone must have tissues, got one of a single material"),
         (lambda _: Watch(bone_with_tissues()), "structures must be named: no tissue of the bone is critical"),

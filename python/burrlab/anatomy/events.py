@@ -92,7 +92,7 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
     limits.append(settings["hysteresis_mm"])
     refuse(
         not all(isinstance(row["name"], str) for row in settings["structures"])
-        or not all(isinstance(limit, int | float) and math.isfinite(limit) for limit in limits),
+        or not all(type(limit) in (int, float) and math.isfinite(limit) for limit in limits),
         "its structures must have names and limits",
     )
     refuse(group["events"].dtype != EVENT_DTYPE, "its events have other columns than this format has")

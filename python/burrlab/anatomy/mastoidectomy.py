@@ -73,8 +73,9 @@ def mastoidectomy_path(
     phantom : Phantom
     burr : Burr
     layer : float, optional
-        Distance between layers [mm], each brought to the nearest plane of voxels (of up to 0.1 radii where
-        they are finer); no plane is cut twice. Default: a quarter of the radius.
+        Distance between layers [mm]; default: a quarter of the radius. Each layer lies on the nearest plane of the
+        planning's voxels, whose sides are the phantom's, or several of these up to 0.1 radii. No plane is cut
+        twice.
     step : float, optional
         Distance between strokes of a layer [mm]; default: half the radius.
     speed : float
@@ -113,6 +114,7 @@ def mastoidectomy_path(
     plan = _Plan(phantom, burr.radius)
     rows: list[tuple[Floats, bool]] = []
     layers = 0
+    layer = max(layer, plan.spacing[0] / 100)  # thinner ones come to the same planes
     depths = np.arange(plan.first + layer - burr.radius, plan.deepest, layer)
     depths = depths[depths + burr.radius <= (math.inf if depth is None else depth)]
     for plane in np.unique(np.rint((depths - plan.origin[0]) / plan.spacing[0]).astype(int)):

@@ -678,6 +678,7 @@ class Protocol:
             try:
                 if (other := read_side_car(path)) is not None:
                     break
+                notes.append(f"another subject's side-car was passed over: {path} is none of burrlab's")
             except (ValueError, OSError) as error:  # it stops the analysis, not this subject
                 notes.append(f"another subject's side-car was passed over: {error}")
         changes = "; ".join(() if other is None else other.differences(car, across_subjects=True))

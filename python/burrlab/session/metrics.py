@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.bone.specimen import CUT, Border
-from burrlab.common.check import refuse
+from burrlab.common.check import check_memory, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
@@ -268,6 +268,8 @@ def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
     count = int((time[-1] - time[0]) / grid + 1e-6) + 1 if len(time) else 0
     if count < _FEWEST:
         return np.zeros(0), np.zeros((0, 3))
+    # a position, its smoothed copies, speed and jerk; a late time stamp makes many
+    check_memory(400.0 * count, f"a motion of {time[-1] - time[0]:.3g} s")
     at = time[0] + grid * np.arange(count)
     raw = np.column_stack([np.interp(at, time, center[:, axis]) for axis in range(3)])
     cutoff = min(CUTOFF, 0.4 / grid)  # below half the sampling rate

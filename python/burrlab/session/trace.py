@@ -553,6 +553,10 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         f"{path} is damaged: its volume is not the one that the session began with",
     )
     _check_setup(bone, tools, devices, seed, scheme, float(about["period_ms"]))
+    watched_names = {row["name"] for row in watch.get("structures", ())}
+    refuse(
+        watched_names - {tissue.name for tissue in bone.tissues or ()}, "its bone lacks a watched structure"
+    )
     refuse(not 0 <= float(about["started_unix_s"]) < np.inf, "its start is no time")
     made_by = {
         name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)()

@@ -478,7 +478,7 @@ def _triangles(name: str, of: VoxelBone | Mesh) -> tuple[Array, Array]:
     refuse(
         vertices.shape[1:] != (3,) or not np.isfinite(vertices).all() or faces.shape[1:] != (3,)
         or faces.dtype.kind not in "iu" or not faces.size or faces.min() < 0 or faces.max() >= len(vertices)
-        or not _areas(vertices[faces]).any(),
+        or not _areas(vertices[faces].astype(float)).any(),
         f"{name} must be a bone, or finite vertices (v, 3) and three of their numbers for each triangle (t, 3), "
         f"got {vertices.shape} and {faces.shape}",
     )  # fmt: skip

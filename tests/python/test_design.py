@@ -145,12 +145,13 @@ def simulated(before, result, candidate, day=0.0, **options):
     for k, (i, j) in enumerate(
         zip(*grid.truths(result.truths, np.random.default_rng(result.seed)), strict=True)
     ):
-        c_e, alpha = np.exp([grid.log_c_e[i], grid.log_alpha[i, j]]).tolist()
+        c_e, alpha = np.exp(
+            [grid.log_c_e[i], grid.log_alpha[i, j] + day * np.random.default_rng(k).normal()]
+        ).tolist()
         make, at, scatter = synthetic_indentation, candidate.depth, result.static_scatter
         if candidate.kind == "velocity":
             make, at, scatter = synthetic_curve, candidate.force, result.scatter
-        of_day = np.exp(day * np.random.default_rng(k).normal())
-        material, u = Material("truth", c_e=c_e, alpha=alpha * of_day), 0.0
+        material, u = Material("truth", c_e=c_e, alpha=alpha), 0.0
         if options:
             u = random.normal(offsets.mean[i, j, 0], offsets.covariance[i, 0, 0] ** 0.5)
             at += u * (candidate.kind == "velocity")

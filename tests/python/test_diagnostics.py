@@ -199,10 +199,11 @@ class TestOrder:
         assert fired < 80 + 4 * 80**0.5
 
 
-def test_copies():
-    """A block that follows itself is told; equal repeats by rounding are not, grouped or in cycles."""
+def test_copies_and_rounding():
+    """A block that follows itself is told, and coarse rounding. Equal repeats by rounding are not, grouped or in cycles."""
     one = curve(repeats=3)
     assert "33 of 66 rows are exact copies" in fit([one, one]).verdict
+    assert "rounded to 0.01 mm/s, by" in fit(replace(one, velocity=one.velocity.round(2))).verdict
     rounded = np.array([float(f"{v:.1e}") for v in one.velocity])
     for order in (slice(None), np.arange(33).reshape(11, 3).T.ravel()):
         assert "copies" not in fit(VelocityCurve(one.force[order], rounded[order], radius=3.0)).verdict

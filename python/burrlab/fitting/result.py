@@ -563,7 +563,8 @@ class Fit(FitRecord, Tabulated):
         profile = evidence.profile
         x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
         limits = evidence.calibration.limits(LEVELS, C_E if name == "c_e" else ALPHA)
-        top = 1.6 * limits["99.7"]
+        limits = {level: limit for level, limit in limits.items() if limit < 10 * limits["95"]}
+        top = 1.6 * max(limits.values())  # with a degree of freedom or two the highest hides all else
         near = np.flatnonzero((rise < top) & (x < 12 * getattr(self, name)))
         drawn = slice(max(near[0] - 1, 0), near[-1] + 2)
         look = next_look(ax, style, color=FORCE, linestyle="-", linewidth=1.4, label="profile")
@@ -580,7 +581,7 @@ class Fit(FitRecord, Tabulated):
                 ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":", label="95 % interval")
         if interval.upper is None:
             ax.annotate(
-                "open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE
+                "open above", (0.9, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE
             )
         ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
         ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])

@@ -338,7 +338,9 @@ def design(
     slopes = law.stretch * np.asarray(curve.local_slope(np.minimum(phi, _END)))
     levels = [with_new_level(fit, np.array([-slope, 1.0]), n, scatter) for slope in slopes.flat]
     static_level = (
-        with_new_level(fit, np.array([1.0, 0.0]), n, static_scatter, own=first) if len(depth) else None
+        with_new_level(fit, np.array([1.0, 0.0]), n, static_scatter, own_scatter=first)
+        if len(depth)
+        else None
     )
     grid = RegionGrid.of(fit, [*levels, static_level])
     offsets = SharedOffsets(fit, grid)

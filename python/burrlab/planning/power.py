@@ -283,12 +283,13 @@ def _between(
         f"between must be a dict such as {{'alpha': 0.1}}, got {shown(between)}",
         TypeError,
     )
+    chosen = between or {}
     refuse(
-        not estimated and "alpha" not in (between or {}),
+        not estimated and "alpha" not in chosen,
         "between must hold alpha, such as {'alpha': 0.1} (--between alpha=0.1): the fit knows no specimens or days",
     )
     refuse(
-        unit != "specimen" and (between or {}).get("c_e"),
+        unit != "specimen" and chosen.get("c_e"),
         f"between may hold c_e of specimens, which the fit does not know: its groups are {unit}s",
     )
     # a specimen on a day of its own differs by what both do
@@ -296,7 +297,7 @@ def _between(
     deviations: dict[str, float] = {
         name: sum(float(x.deviation or 0.0) ** 2 for x in effects) ** 0.5 for name, effects in by_name.items()
     }
-    for name, value in (between or {}).items():
+    for name, value in chosen.items():
         refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
         refuse(
             not 0 <= scalar(value, f"between of {name}") <= _WIDEST,
@@ -306,7 +307,7 @@ def _between(
     ends = {
         name: [x.interval.upper for x in effects if x.interval]
         for name, effects in by_name.items()
-        if effects and name not in (between or {})
+        if effects and name not in chosen
     }
     up_to = {
         name: None if None in upper else math.hypot(*filter(None, upper)) for name, upper in ends.items()

@@ -84,19 +84,19 @@ class _OneMoreLevel(RowProducts):
         Rows that it is the mean of.
     weight : float
         Of the new row among those of its scatter.
-    own : bool
+    own_scatter : bool
         Whether no other rows share its scatter.
     """
 
-    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float, own: bool) -> None:
+    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float, own_scatter: bool) -> None:
         ends, common = [rows.blocks[k].stop for k in rows.estimated], np.zeros(len(rows.products[0]) - 3)
         level_slopes = [slopes[int(rows.components[k].quantity == "alpha")] for k in rows.estimated]
         row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, level_slopes)
         self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in rows.products]
-        self.products += [np.zeros_like(self.products[0])] * own
-        self.n = np.append(rows.n, np.zeros(int(own)))
-        self.known = np.append(rows.known, np.zeros(int(own), np.bool_))
-        at = -1 if own else 0
+        self.products += [np.zeros_like(self.products[0])] * own_scatter
+        self.n = np.append(rows.n, np.zeros(int(own_scatter)))
+        self.known = np.append(rows.known, np.zeros(int(own_scatter), np.bool_))
+        at = -1 if own_scatter else 0
         self.products[at] += weight * np.outer(row, row)
         self.n[at] += n
         self.components = [
@@ -106,21 +106,21 @@ class _OneMoreLevel(RowProducts):
 
 
 def with_new_level(
-    fit: FitRecord, slopes: Floats, n: int, scatter: float, own: bool = False
+    fit: FitRecord, slopes: Floats, n: int, scatter: float, own_scatter: bool = False
 ) -> AnyCalibration | None:
     """The limits of a fit with n rows more, of a new day and specimen, at its variances; None without any.
 
     They bring a degree of freedom: with few days it narrows the intervals more than what the rows say. With a scatter
-    of their `own` they bring one of n - 1, too.
+    of their own they bring one of n - 1, too.
     """
     likelihood, old = fit.likelihood, fit._evidence().calibration
     if not isinstance(likelihood, MixedLikelihood) or not likelihood.linear.estimated:
         return None
     at = likelihood.equations
-    scatter2 = np.append(at.scatter2, [scatter**2 + MODEL_ERROR**2] * own)
-    weight = n * scatter2[-1 if own else 0] / scatter**2
+    scatter2 = np.append(at.scatter2, [scatter**2 + MODEL_ERROR**2] * own_scatter)
+    weight = n * scatter2[-1 if own_scatter else 0] / scatter**2
     new = MixedEquations(
-        _OneMoreLevel(likelihood.linear, slopes, n, weight, own), scatter2, at.effect2
+        _OneMoreLevel(likelihood.linear, slopes, n, weight, own_scatter), scatter2, at.effect2
     ).uncertainty()
     return replace(new, monte_carlo=old.monte_carlo, inflation=old.inflation)
 

@@ -22,7 +22,7 @@ from burrlab.common.figures import (
 )
 from burrlab.common.records import Codec
 from burrlab.common.table import Tabulated, probability_text
-from burrlab.fitting.diagnostics import POOR, HypothesisTest
+from burrlab.fitting.diagnostics import POOR, HypothesisTest, coarse_rounding
 from burrlab.fitting.linear import components_of
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import ConfidenceInterval, plain_ends
@@ -230,7 +230,7 @@ class LawComparison(Tabulated):
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
         several = len(np.unique(self.observations.radius)) > 1
-        lines = self._of_exponents(several)
+        lines = coarse_rounding(self.observations) + self._of_exponents(several)
         lines += [f"The data contradict {row.name}. {row.why}" for row in self.rows if row.contradicted]
         close = self.close
         if len(close) > 1:

@@ -627,9 +627,7 @@ def doubts(likely: "Plausibility | None", o: Observations, rows: Sequence[Row]) 
     Copies are blocks of 8 rows or more, over three forces or more, that come again right behind themselves, all
     columns equal. Repeats that rounding makes equal hardly ever form one, unless it is coarse.
     """
-    velocity = o.velocity[o.run < 0]
-    steps = [10.0**-k for k in range(5) if np.allclose(velocity * 10**k, np.rint(velocity * 10**k), 0, 1e-7)]
-    rounding = steps[0] / np.sqrt(12) / velocity.min() if steps and len(velocity) else 0.0
+    coarse = coarse_rounding(o)
     columns = np.stack([o.force, o.velocity, o.sigma, o.window_start, o.window_end, o.radius], axis=1)
     same = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
     copied = np.zeros(len(same), dtype=bool)
@@ -648,14 +646,23 @@ def doubts(likely: "Plausibility | None", o: Observations, rows: Sequence[Row]) 
     doubtful = {
         f"Suspect: {likely.sentence if likely else ''}.": likely is not None and likely.suspect,
         f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
-        "but are no repeats.": copied.any() and rounding < _COARSE,
-        f"The velocities are rounded to {max(steps, default=0):g} mm/s, by {100 * rounding:.2g} % of the slowest (standard "
-        "deviation). This alone can bend the curve: give more digits, or leave the slowest out.": rounding >= _COARSE,
+        "but are no repeats.": copied.any() and not coarse,
         f"Rows that stand out: {', '.join(far)}.": far,
         "Intervals by traces are too narrow: those called 95 % hold c_e in 91 % of made-up sets (docs/inference.md).":
             (o.run >= 0).any() and not len(o.pressed),
     }  # fmt: skip
-    return [text for text, applies in doubtful.items() if applies]
+    return coarse + [text for text, applies in doubtful.items() if applies]
+
+
+def coarse_rounding(o: Observations) -> list[str]:
+    """A sentence if the velocities are rounded to decimals that matter for the slowest."""
+    velocity = o.velocity[o.run < 0]
+    steps = [10.0**-k for k in range(5) if np.allclose(velocity * 10**k, np.rint(velocity * 10**k), 0, 1e-7)]
+    deviation = steps[0] / np.sqrt(12) / velocity.min() if steps and len(velocity) else 0.0
+    return [
+        f"The velocities are rounded to {steps[0]:g} mm/s, by {100 * deviation:.2g} % of the slowest (standard deviation). "
+        "This alone can bend the curve: give more digits, or leave the slowest out."
+    ] if deviation >= _COARSE else []  # fmt: skip
 
 
 def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:

@@ -158,7 +158,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "where there is none; line 7, column v (um/s): "),
         # commas that may stand in decimals: rows longer than the headings, values where no heading is, some quoted
         *((f"force_N,velocity_mm_s,note{rows}", ["--sep", ",", *more], f"a.csv, {fault}") for rows, more, fault in [
-            ("\n0,5,0,12,\n", [], "line 2: 3 fields are due, found 5"), ("\n1,5,12,\n", [], "line 2: '1,5,12,' may have commas in"),
+            ("\n0,5,0,12,\n", [], "line 2: 3 fields are due, found 5: a number with a decimal comma must stand in quot"), ("\n1,5,12,\n", [], "line 2: '1,5,12,' may have commas in"),
             (",remark\n2,3,,\n1,5,0,12,,\n", [], "line 3: '1,5,0,12,,' may have"), (",,\n1,5,0,12,\n", [], "line 2: '1,5,0,12,' may"),
             ("\n\"1,5\",0,12,\n", ["--decimal", ","], "line 2: '1,5,0,12,' may have commas in its decimals: put such numbers in "
              "quotation marks, or take the comma off the end of each line; if commas only separate, give decimal='.' (--decimal .)\n"),

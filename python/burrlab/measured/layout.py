@@ -348,7 +348,9 @@ class TableLayout:
                 self.skipped["repeated headings"] += 1
                 may_be_units = True
             elif len(fields) <= last_used or any(fields[len(keys) :]):
-                faults.append(f"{where}: {len(keys)} fields are due, found {len(fields)}")
+                joined = not self.is_clear and self.fits_joined(fields, keys)
+                hint = ": a number with a decimal comma must stand in quotation marks" if joined else ""
+                faults.append(f"{where}: {len(keys)} fields are due, found {len(fields)}{hint}")
             elif not (
                 may_be_units and self.units_in(where, [(column, fields[i]) for column, i in used], faults)
             ):

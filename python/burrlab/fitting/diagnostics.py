@@ -657,7 +657,7 @@ def doubts(likely: "Plausibility | None", o: Observations, rows: Sequence[Row]) 
 def coarse_rounding(o: Observations) -> list[str]:
     """A sentence if the velocities are rounded to decimals that matter for the slowest."""
     velocity = o.velocity[o.run < 0]
-    steps = [10.0**-k for k in range(5) if np.allclose(velocity * 10**k, np.rint(velocity * 10**k), 0, 1e-7)]
+    steps = [10.0**-k for k in range(5) if np.allclose(velocity * 10**k, np.rint(velocity * 10**k), 1e-9, 0)]
     deviation = steps[0] / np.sqrt(12) / velocity.min() if steps and len(velocity) else 0.0
     return [
         f"The velocities are rounded to {steps[0]:g} mm/s, by {100 * deviation:.2g} % of the slowest (standard deviation). "

@@ -75,7 +75,7 @@ def lead(scene, folder, seconds, draw):
     companion = Companion(session, budget=0.02, **effects_like(entry))
     view = None
     if draw:
-        from burrlab.view.live import LiveView
+        from burrlab.view.film import LiveView
 
         view = LiveView(session, effects=companion, off_screen=True, size=(320, 240), slices=True)
     taken = session.follower.view()

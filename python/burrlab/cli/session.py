@@ -55,7 +55,7 @@ from burrlab.session.exchange import (
 from burrlab.session.haply import HeldDevice
 from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
-from burrlab.view.live import LiveView
+from burrlab.view.film import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
 from burrlab.view.surface import closed_surface, enclosed_volume, write_surface
 from burrlab.view.web import check_page, serve, warning

@@ -4,9 +4,9 @@ from burrlab.session.player import RecordingPlayer as RecordingPlayer
 from burrlab.session.player import TracePlayer as TracePlayer
 from burrlab.view.camera import Viewpoint as Viewpoint
 from burrlab.view.camera import surgeon_view as surgeon_view
+from burrlab.view.film import LiveView as LiveView
 from burrlab.view.film import TraceView as TraceView
 from burrlab.view.film import write_video as write_video
-from burrlab.view.live import LiveView as LiveView
 from burrlab.view.pictures import depth_map as depth_map
 from burrlab.view.pictures import plot_depth_map as plot_depth_map
 from burrlab.view.pictures import plot_slices as plot_slices

@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import hashlib
+import itertools
 import json
 import mmap
 import os
@@ -70,12 +71,10 @@ class Entry:
             header, files, sizes = json.loads(bytes(whole[_CHECK:end]))
             same = list(files) == list(self._files) and all(map(self._same, files, files.values()))
             refuse(not same, "the files have changed")
-            ends = [sum(sizes[: k + 1]) + end + 1 for k in range(len(sizes))]
             with contextlib.suppress(OSError):
                 os.utime(path)  # it was used
-            return CachedParts(
-                header, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)]
-            )
+            ends = itertools.accumulate(sizes, initial=end + 1)
+            return CachedParts(header, [whole[first:last] for first, last in itertools.pairwise(ends)])
         except (OSError, *UNREADABLE):
             return None
 
@@ -91,9 +90,7 @@ class Entry:
             ):
                 return
             head = json.dumps([header, files, [len(part) for part in parts]]).encode() + b"\n"
-            check = 0
-            for content in (head, *parts):
-                check = zlib.crc32(content, check)
+            check = functools.reduce(lambda check, content: zlib.crc32(content, check), (head, *parts), 0)
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             with new_part(path) as part:
                 part.chmod(0o600)

@@ -108,8 +108,8 @@ def available_memory() -> float:
     with contextlib.suppress(OSError, ValueError, AttributeError):
         limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     with contextlib.suppress(OSError):
-        match = re.search(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
-        limits.append(1024 * int(match[1]) if match else math.inf)
+        memory = re.findall(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
+        limits += [1024 * int(size) for size in memory]
     with contextlib.suppress(OSError, ValueError):  # "max" means no limit
         limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
     return min(limits)
@@ -184,8 +184,9 @@ def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        needed = usual_name or module.partition(".")[0]
-        raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
+        raise ImportError(
+            f"{what} needs {usual_name or module.partition('.')[0]}: pip install 'burrlab[{name}]'"
+        ) from None
 
 
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:

@@ -69,8 +69,7 @@ def _identity(value: Any) -> Any:
     if type(value) in (float, np.float64):
         return ["float", float(value).hex()]
     if (type(value) is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in _NUMBERS:
-        array = np.asarray(value)
-        return ["array", array.dtype.str, list(array.shape), hashlib.sha256(array.tobytes()).hexdigest()]
+        return ["array", value.dtype.str, list(value.shape), hashlib.sha256(value.tobytes()).hexdigest()]
     if type(value) in (tuple, list):
         return ["sequence", [_identity(part) for part in value]]
     if type(value) is dict and all(type(key) is str for key in value):
@@ -137,11 +136,10 @@ def _encode(value: Any) -> Any:
         return {"tuple": [_encode(part) for part in value]}
     if type(value) is dict and all(type(key) is str for key in value):
         return {"dict": {key: _encode(part) for key, part in value.items()}}
-    if type(value) is np.ndarray or isinstance(value, np.generic):
-        array = np.asarray(value)
-        if array.dtype.kind in _NUMBERS:
-            kind = "array" if type(value) is np.ndarray else "number"
-            return {kind: [array.dtype.str, list(array.shape), base64.b64encode(array.tobytes()).decode()]}
+    if (type(value) is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in _NUMBERS:
+        content = base64.b64encode(value.tobytes()).decode()
+        kind = "array" if type(value) is np.ndarray else "number"
+        return {kind: [value.dtype.str, list(value.shape), content]}
     raise TypeError(
         "a result that is stored must be made of None, bool, int, float, str, tuples, lists, dicts with str "
         f"keys, NumPy numbers and arrays of numbers, got {value!r}"

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import html
 import io
+import itertools
 import json
 import math
 import os
@@ -161,8 +162,10 @@ class Table:
             where = f"{name}, line {line}"
             try:
                 texts = _fields(where, content)
-                is_due = len(columns) <= len(texts) <= len(columns) + empty and not any(texts[len(columns) :])
-                refuse(not is_due, f"{where}: {due}, found {len(texts)}")
+                refuse(
+                    not len(columns) <= len(texts) <= len(columns) + empty or any(texts[len(columns) :]),
+                    f"{where}: {due}, found {len(texts)}",
+                )
             except ValueError as error:
                 faults.append(str(error))
                 continue
@@ -267,8 +270,11 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
 
 def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
     """Writes comment lines, column names and rows; NaN becomes an empty field."""
-    writable = isinstance(file, (str, os.PathLike)) or hasattr(file, "write")
-    refuse(not writable, f"file must be a path or an open text file, got {shown(file)}", TypeError)
+    refuse(
+        not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"),
+        f"file must be a path or an open text file, got {shown(file)}",
+        TypeError,
+    )
     text = io.StringIO()
     text.writelines(f"# {key}: {value}\n" for key, value in comments.items())
     writer = csv.writer(text, lineterminator="\n")
@@ -309,10 +315,11 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
-    if not isinstance(provenance, Mapping):
-        raise TypeError(
-            f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}"
-        )
+    refuse(
+        not isinstance(provenance, Mapping),
+        f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}",
+        TypeError,
+    )
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     return dict(json.loads(text))
 
@@ -526,16 +533,16 @@ class TableData(Tabular):
                     raise ValueError(f"{name} must be a list of numbers, got {shown(raw)}")
                 refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
-            object.__setattr__(self, name, values)
+            vars(self)[name] = values
         for name, value in numbers.items():
             checked = None if value is None else scalar(value, name)
-            object.__setattr__(self, name, checked)
+            vars(self)[name] = checked
             if checked is not None and (problem := positive(checked, self._NUMBERS[name])):
                 raise ValueError(f"{name} {problem}")
-        object.__setattr__(self, "source", " ".join(str(source or "").split()).rstrip(", "))
-        object.__setattr__(self, "provenance", json_mapping(provenance or {}))
+        line = " ".join(str(source or "").split()).rstrip(", ")
+        vars(self).update(source=line, provenance=json_mapping(provenance or {}))
         check_same_length(**self._columns())
-        object.__setattr__(self, "groups", self._labels(groups, specimen))
+        vars(self)["groups"] = self._labels(groups, specimen)
 
     def _labels(self, groups: Mapping[str, Any] | None, specimen: Any) -> dict[str, tuple[str, ...]]:
         """Labels of the rows as texts, by name; ValueError for a row without one."""
@@ -571,8 +578,7 @@ class TableData(Tabular):
 
     def _columns(self) -> dict[str, Any]:
         """Columns that are not None, by their names."""
-        columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
-        return {name: values for name, values in columns.items() if values is not None}
+        return {name: getattr(self, name) for name in self._TABLE.named if getattr(self, name) is not None}
 
     def _check_rows(self) -> None:
         """ValueError unless there is a row and every row obeys the table's rules."""
@@ -717,8 +723,8 @@ def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> l
         return table_lines(columns)
     first = columns[0]
     parts: list[list[ReportColumn]] = [[first]]
-    for start, end in _groups(columns[1:]):
-        group = list(columns[1:][start : end + 1])
+    for places in _groups(columns[1:]):
+        group = [columns[1 + place] for place in places]
         if len(parts[-1]) > 1 and max(map(len, table_lines([*parts[-1], *group]))) > width:
             parts.append([first])
         parts[-1] += group
@@ -742,13 +748,10 @@ def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
     """Lines of a table: columns under their heads, with a common head over each group."""
     widths = [max(len(head), *map(len, cells), 1) for _, head, cells in columns]
     above = ""
-    for first, last in _groups(columns):
-        group = columns[first][0]
-        room = sum(widths[first : last + 1]) + 2 * (last - first)
-        if len(group) > room:
-            widths[first] += len(group) - room
-            room = len(group)
-        above += group.center(room, "-" if group else " ") + "  "
+    for first, *others in _groups(columns):
+        group, beside = columns[first][0], sum(widths[place] + 2 for place in others)
+        widths[first] = max(widths[first], len(group) - beside)
+        above += group.center(widths[first] + beside, "-" if group else " ") + "  "
     rows = [[head for _, head, _ in columns], *map(list, zip(*(cells for *_, cells in columns), strict=True))]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
@@ -756,15 +759,10 @@ def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
     return [above.rstrip(), *lines] if above.strip() else lines
 
 
-def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
-    """First and last column of each group."""
-    groups: list[tuple[int, int]] = []
-    for place, (group, *_) in enumerate(columns):
-        if groups and group and columns[groups[-1][0]][0] == group:
-            groups[-1] = groups[-1][0], place
-        else:
-            groups.append((place, place))
-    return groups
+def _groups(columns: Sequence[ReportColumn]) -> list[list[int]]:
+    """Places of the columns of each group; a column without one stands alone."""
+    by_group = itertools.groupby(range(len(columns)), key=lambda place: columns[place][0] or place)
+    return [list(places) for _, places in by_group]
 
 
 def table_html(columns: Sequence[ReportColumn]) -> str:

@@ -187,18 +187,19 @@ def _check_arguments(
     rig: Rig | None, controller: ForceController | None, ideal: bool,
 ) -> None:  # fmt: skip
     """Errors of `descend`."""
-    if specimen is not None:
-        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
-    if rig is not None:
-        require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
+    for name, tool, kind, example in (
+        ("specimen", specimen, Specimen, "half_space(burr, 0.1)"),
+        ("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it"),
+        ("controller", controller, ForceController, "ForceController(2.0)"),
+    ):
+        if tool is not None:
+            require_type(name, tool, kind, example)
     period = settings.dt if rig is None or ideal else rig.period
     refuse(
         not settings.max_duration * 1e3 / period < 2**63,
         f"max_duration must be below 2^63 ticks of {period:g} ms, got {settings.max_duration:g} s",
     )
     refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
-    if controller is not None:
-        require_type("controller", controller, ForceController, "ForceController(2.0)")
     refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
@@ -208,9 +209,9 @@ def _own_bone(
 ) -> Specimen:
     """A copy of the specimen; without one a half-space, at a place within a voxel that the seed draws."""
     if specimen is None:
-        spacing = checked_spacing(voxel, "voxel")
+        offset = place_in_voxel(seed) * checked_spacing(voxel, "voxel")
         with doing("the block of bone"):
-            specimen = half_space(burr, voxel, depth=stop, offset=place_in_voxel(seed) * spacing)
+            specimen = half_space(burr, voxel, depth=stop, offset=offset)
     return replace(specimen, bone=specimen.bone.copy())
 
 
@@ -283,8 +284,7 @@ def hold(
                     ending = "overloaded" if touched else "never-touched"
                 break
             if interrupted(immersion):
-                ending = "interrupted"
-                break
+                raise KeyboardInterrupt
     except KeyboardInterrupt:
         ending = "interrupted"
     return Series(
@@ -323,12 +323,11 @@ def control(
                 f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at "
                 f"sample {tick}; it was stopped",
             )
-            reason = loop.answer(reading)
-            if reason is None and tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
-                reason = "interrupted"
-            if reason is not None:
+            if (reason := loop.answer(reading)) is not None:
                 ending = reason
                 break
+            if tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
+                raise KeyboardInterrupt
     except KeyboardInterrupt:
         ending = "interrupted"
     finally:

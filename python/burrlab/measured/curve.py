@@ -314,7 +314,6 @@ class VelocityCurve(TableData):
         """
         ax = axes_or_new(ax)
         ok = self.ok
-
         sigma = None if self.sigma is None else self.sigma[ok]
         style = next_look(ax, style, color="black", marker="s")
         plot_points(ax, self.force[ok], self.velocity[ok], sigma, style, table.data_label(self.source))
@@ -328,8 +327,10 @@ class VelocityCurve(TableData):
         return ax
 
     def __repr__(self) -> str:
-        forces = f"{self.force.min():g}..{self.force.max():g} N"
-        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{self._origin()})"
+        return (
+            f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, "
+            f"{self.force.min():g}..{self.force.max():g} N{self._origin()})"
+        )
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -118,10 +118,10 @@ class DepthTrace(TableData):
         }, source, provenance, groups, specimen, force=force, radius=radius)  # fmt: skip
         self._check_record()
         first, deepest = float(self.immersion[0]), float(self.immersion.max())
-        start = max(WINDOW_START * self.radius, first) if start_mm is None else float(start_mm)
-        end = min(WINDOW_STOP * self.radius, deepest) if end_mm is None else float(end_mm)
-        object.__setattr__(self, "start_mm", start)
-        object.__setattr__(self, "end_mm", end)
+        vars(self).update(
+            start_mm=max(WINDOW_START * self.radius, first) if start_mm is None else float(start_mm),
+            end_mm=min(WINDOW_STOP * self.radius, deepest) if end_mm is None else float(end_mm),
+        )
         self._check_window()
 
     def _check_record(self) -> None:
@@ -310,8 +310,10 @@ class DepthTrace(TableData):
         return ax
 
     def __repr__(self) -> str:
-        set_up = f"{self.force:g} N, R = {self.radius:g} mm, {self.start_mm:g}..{self.end_mm:g} mm"
-        return f"DepthTrace({len(self)} samples, {set_up}{self._origin()})"
+        return (
+            f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, "
+            f"{self.start_mm:g}..{self.end_mm:g} mm{self._origin()})"
+        )
 
     def _repr_html_(self) -> str:
         return table.html_table(repr(self), {

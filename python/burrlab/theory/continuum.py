@@ -71,8 +71,7 @@ class Law:
         material = Material(  # which checks all three
             c_e=1.0, alpha=0.1, shape=shape, force_exponent=force_exponent, rate_exponent=rate_exponent
         )
-        for name in ("shape", "force_exponent", "rate_exponent"):
-            object.__setattr__(self, name, getattr(material, name))
+        vars(self).update({name: getattr(material, name) for name in ("shape", *PAPER_LAW)})
 
     @classmethod
     def of(cls, law: "Law | Material | Shape | str") -> "Law":
@@ -339,8 +338,10 @@ def thin_layer_velocity(
     R, force = burr.radius, positive("force", force)
     phi = Law.of(material).master_phi(force / (material.c_e * R**2))
     depth = real(immersion, "immersion")
-    inside = (depth > 0) & (depth <= R)
-    refuse(not inside.all(), f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
+    refuse(
+        not ((depth > 0) & (depth <= R)).all(),
+        f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}",
+    )
     velocity: Floats = np.asarray(_core.thin_layer_velocity(material.shape, phi, depth / R))
     return PER_SECOND * material.alpha * R * velocity * rate_factor(force, material.rate_exponent)
 
@@ -433,9 +434,7 @@ class MasterCurve:
     ) -> Floats:
         """log Psi at log phi, for tables of many; see `velocity_ratio`."""
         spline = _window_spline(self.shape.name, start, stop)
-        log_ratio: Floats = spline.log_ratio(log_phi)
-        log_ratio[log_phi >= np.log(spline.end)] = np.nan
-        return log_ratio
+        return np.where(log_phi >= np.log(spline.end), np.nan, spline.log_ratio(log_phi))
 
     def local_slope(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None
@@ -518,8 +517,9 @@ def _knots(shape: str, reach: float) -> list[_Knot]:
 def _descents(shape: str, phis: Floats, stop: float) -> list[_Knot]:
     """Descents to `stop`, side by side: the core lets other threads of Python run."""
     with ThreadPoolExecutor() as pool:
-        descents = pool.map(lambda phi: _core.mean_field_descent(Shape(shape), phi, stop), phis.tolist())
-        return [(phi, *descent) for phi, descent in zip(phis.tolist(), descents, strict=True)]
+        return list(
+            pool.map(lambda phi: (phi, *_core.mean_field_descent(Shape(shape), phi, stop)), phis.tolist())
+        )
 
 
 @lru_cache(maxsize=4096)

@@ -56,9 +56,13 @@ def in_all(renderers: Sequence[Any], actor: Any) -> Any:
 
 def flat_actor(renderer: Any, mesh: Any, **look: Any) -> Any:
     """An actor in pixels, in front of the scene."""
-    actor = new("vtkActor2D", Mapper=new("vtkPolyDataMapper2D", InputData=mesh))
-    configure(actor.GetProperty(), **look)
-    return in_all([renderer], actor)
+    mapper = new("vtkPolyDataMapper2D", InputData=mesh)
+    return in_all([renderer], new("vtkActor2D", Mapper=mapper, Property=new("vtkProperty2D", **look)))
+
+
+def text_actor(renderer: Any, text: str = "", **look: Any) -> Any:
+    """A text in front of the scene."""
+    return in_all([renderer], new("vtkTextActor", Input=text, TextProperty=new("vtkTextProperty", **look)))
 
 
 class Lines:
@@ -87,10 +91,8 @@ class Lines:
 
 def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
     """A block as vtkPolyData with normals and colours. Arrays are shared, not copied, where types allow."""
-    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
-
     cells = new("vtkCellArray")
-    cells.SetData(3, numpy_to_vtkIdTypeArray(block.triangles.astype(np.int64).ravel(), deep=True))
+    cells.SetData(3, vtk_array(block.triangles.ravel()))
     mesh = new("vtkPolyData", Points=new("vtkPoints", Data=vtk_array(block.points, deep=False)), Polys=cells)
     configure(
         mesh.GetPointData(),
@@ -169,15 +171,16 @@ class BurrActors:
     def __init__(
         self, plotter: Any, module: Any, renderers: Sequence[Any], radii: Sequence[float], *, outline: bool
     ) -> None:
-        self.plotter, self.radii, self.balls = plotter, radii, []
+        self.plotter, self.radii = plotter, radii
         self.centers = np.full((len(self.radii), 3), np.nan)
-        for _ in self.radii:
-            ball = plotter.add_mesh(
+        balls = (
+            plotter.add_mesh(
                 module.Sphere(radius=1.0, theta_resolution=48, phi_resolution=48), color=OFF, smooth_shading=True,
                 ambient=0.15, diffuse=0.7, specular=0.9, specular_power=40, render=False, reset_camera=False,
-            )  # fmt: skip
-            # hidden until its place is known
-            self.balls.append(in_all(renderers[1:], configure(ball, Visibility=False)))
+            ) for _ in self.radii
+        )  # fmt: skip
+        # hidden until their places are known
+        self.balls = [in_all(renderers[1:], configure(ball, Visibility=False)) for ball in balls]
         self.rims = [_Rim(renderers) for _ in self.radii] if outline else []
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None, radii: Sequence[float]) -> None:
@@ -207,8 +210,8 @@ class _Rim:
             "vtkPolyDataMapper", InputData=self.lines.mesh, ResolveCoincidentTopologyToPolygonOffset=(),
             RelativeCoincidentTopologyLineOffsetParameters=(0.0, _IN_FRONT),
         )  # fmt: skip
-        self.actor = in_all(renderers, new("vtkActor", Mapper=mapper, Visibility=False))
-        configure(self.actor.GetProperty(), Lighting=False, Color=_OUTLINE, LineWidth=1.5)
+        look = new("vtkProperty", Lighting=False, Color=_OUTLINE, LineWidth=1.5)
+        self.actor = in_all(renderers, new("vtkActor", Mapper=mapper, Property=look, Visibility=False))
 
     def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
         away = eye - center
@@ -277,13 +280,11 @@ class ParcelActor:
     def replace(self, parcels: NDArray[np.void] | None) -> None:
         """Draws these parcels instead; None or an empty array: nothing."""
         self.actor.SetVisibility(parcels is not None and len(parcels) > 0)
-        if parcels is None:
-            return
-        colours = parcel_colours(parcels)
-        if len(parcels):
+        if parcels is not None:
+            colours = vtk_array(parcel_colours(parcels))
             position, radius = (vtk_array(parcels[name].astype(np.float32), name) for name in FIELDS[:2])
             mesh = new("vtkPolyData", Points=new("vtkPoints", Data=position))
-            configure(mesh.GetPointData(), Scalars=vtk_array(colours)).AddArray(radius)
+            configure(mesh.GetPointData(), Scalars=colours).AddArray(radius)
             self.mapper.SetInputData(mesh)
 
 
@@ -308,12 +309,12 @@ class Legend:
         for tissue in shown_tissues(bone, surface):
             colour = tuple(part / 255 for part in tissue.colour)
             # a box: the letter has the colour of its background
-            texts = "M", tissue.name + (" (critical)" if tissue.critical else "")
-            row = [in_all([renderer], new("vtkTextActor", Input=text)) for text in texts]
-            configure(row[0].GetTextProperty(), BackgroundColor=colour, BackgroundOpacity=1.0)
-            for actor, tone in zip(row, (colour, _TEXT), strict=True):
-                configure(actor.GetTextProperty(), Color=tone, VerticalJustificationToCentered=())
-            self.rows.append(row)
+            box = {"Color": colour, "BackgroundColor": colour, "BackgroundOpacity": 1.0}
+            name = tissue.name + (" (critical)" if tissue.critical else "")
+            self.rows.append([
+                text_actor(renderer, text, VerticalJustificationToCentered=(), **look)
+                for text, look in (("M", box), (name, {"Color": _TEXT}))
+            ])  # fmt: skip
 
     def fit(self) -> None:
         """Follows the window's size."""
@@ -356,8 +357,7 @@ class ScaleBar:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
         self.lines = Lines([(0, 1), (2, 4), (3, 5)]).place(np.zeros((6, 2)))
         self.bar = flat_actor(renderer, self.lines.mesh, Color=_TEXT, LineWidth=2.0)
-        self.text = in_all([renderer], new("vtkTextActor"))
-        configure(self.text.GetTextProperty(), Color=_TEXT, JustificationToCentered=())
+        self.text = text_actor(renderer, Color=_TEXT, JustificationToCentered=())
 
     def fit(self, plotter: Any) -> None:
         """Follows the camera."""
@@ -455,8 +455,7 @@ class SlicePanel:
 
     def __init__(self, plotter: Any) -> None:
         self.plotter, self.mapper = plotter, new("vtkImageMapper", ColorWindow=255.0, ColorLevel=127.5)
-        self.renderer = new("vtkRenderer", Viewport=(1 - _SHARE, 0.0, 1.0, 1.0))
-        self.renderer.InteractiveOff()
+        self.renderer = new("vtkRenderer", Viewport=(1 - _SHARE, 0.0, 1.0, 1.0), Interactive=False)
         self.renderer.AddViewProp(new("vtkActor2D", Mapper=self.mapper))
         plotter.render_window.AddRenderer(self.renderer)
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
@@ -481,12 +480,10 @@ class SlicePanel:
             scale = 0.98 * min(width / (end - left), room / (top - low))  # [pixel/mm]
             size = max(round(scale * (end - left)), 1), max(round(scale * (top - low)), 1)
             corner = np.array([(width - size[0]) // 2, (room - size[1]) // 2])
-            voxels = Image.fromarray(image.pixels[::-1])
-            panel.paste(voxels.resize(size, Image.Resampling.NEAREST), tuple(corner.tolist()))
-            places = corner + scale * (np.array([self.point, *centers])[:, [right, up]] - (left, top)) * (
-                1,
-                -1,
-            )
+            voxels = Image.fromarray(image.pixels[::-1]).resize(size, Image.Resampling.NEAREST)
+            panel.paste(voxels, tuple(corner.tolist()))
+            points = np.array([self.point, *centers])[:, [right, up]]
+            places = corner + scale * (points - (left, top)) * (1, -1)
             draw = ImageDraw.Draw(panel, "RGBA")
             x, y = places[0].tolist()
             for line in ((corner[0], y, corner[0] + size[0], y), (x, corner[1], x, corner[1] + size[1])):

@@ -23,7 +23,10 @@ from xml.etree.ElementTree import Element as Node
 
 from docutils import nodes
 from docutils.nodes import Element
+from jinja2 import BaseLoader
+from jinja2.sandbox import SandboxedEnvironment
 from latex2mathml.converter import convert
+from numpydoc import docscrape_sphinx
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
@@ -91,6 +94,8 @@ SECTIONS["Project"] += ["releasing", "/tests/golden/psyphy/README"]
 PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
 MAKER = re.compile(r"[Mm]ade by `(?:\w+\.)*(\w+)`")  # what a result's docstring says of itself
+MENUS: dict[tuple, str] = {}  # of pages that stand in none, by folder
+ENVIRONMENTS: list[SandboxedEnvironment] = []
 HEADERS = ROOT / "cpp/include"
 HEADER_PAGES: dict[str, str] = {}  # of C++, and the first sentence of each
 NO_DOXYGEN = "The C++ reference is left out, as Doxygen is not installed (apt-get install doxygen)."
@@ -316,7 +321,7 @@ def find_public(app: Sphinx, env: object, node: Element, content: Element) -> El
 
 
 def figures(notebook: Path) -> str:
-    """Thumbnails of the pictures that a notebook stored, each a link to the notebook."""
+    """Thumbnails of the pictures that a notebook stored, each a link to it, with the text that its cell's metadata has."""
     text, above = "", []
     for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"]):
         code = "".join(cell["source"])
@@ -327,22 +332,17 @@ def figures(notebook: Path) -> str:
                 file = ROOT / f"build/gallery/{notebook.stem}-{number}-{place}.png"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(base64.b64decode(picture))
-                text += f":::{{grid-item-card}} {above[-1]}\n:img-top: /build/gallery/{file.name}\n:img-alt: {above[-1]}\n"
+                seen = cell["metadata"]["mystnb"]["image"]["alt"]
+                text += f":::{{grid-item-card}} {above[-1]}\n:img-top: /build/gallery/{file.name}\n:img-alt: {seen}\n"
                 text += f":link: /notebooks/{notebook.stem}\n:link-type: doc\n:::\n"
     return f"\n\n## [{above[0]}](../notebooks/{notebook.name})\n\n::::{{grid}} 1 2 3 3\n{text}::::\n"
 
 
 def complete_outputs(app: Sphinx, tree: Element) -> None:
-    """Leads links in notebooks' outputs to pages of the site; gives pictures without a text their section's title."""
+    """Leads links in notebooks' outputs to pages of the site."""
     for link in tree.findall(nodes.reference):
         if (uri := link.get("refuri", "")).startswith("../"):
             link["refuri"] = re.sub(r"\.(md|ipynb)(?=#|$)", ".html", uri)
-    for picture in tree.findall(nodes.image):
-        section = picture.parent
-        while section is not None and not isinstance(section, nodes.section):
-            section = section.parent
-        if section is not None:
-            picture.setdefault("alt", section[0].astext())
 
 
 def complete(app: Sphinx, page: str, source: list[str]) -> None:
@@ -365,6 +365,21 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"][1:])
 
 
+def share_menu(app: Sphinx, page: str, template: str, context: dict, tree: Element | None) -> None:
+    """Makes one menu for all pages of a folder that stand in no menu: it has the same links and marks no page."""
+    if "orphan" not in app.env.metadata.get(page, {}):
+        return
+    make, folder = context["toctree"], page.rpartition("/")[0]
+
+    def menu(**options: object) -> str:
+        key = folder, *sorted(options.items())
+        if key not in MENUS:
+            MENUS[key] = make(**options)
+        return MENUS[key]
+
+    context["toctree"] = menu
+
+
 def set_formula(translator: object, node: Element) -> None:
     """Writes an equation as MathML: within a line, or on lines of its own."""
     display = "block" if isinstance(node, nodes.math_block) else "inline"
@@ -379,12 +394,20 @@ def check_names(app: Sphinx, env: object) -> None:
         logging.getLogger(__name__).warning("the reference lacks %s", sorted(missing))
 
 
+def one_environment(loader: BaseLoader) -> SandboxedEnvironment:
+    """That of numpydoc's template, which it else compiles anew for each name."""
+    if not ENVIRONMENTS:
+        ENVIRONMENTS.append(SandboxedEnvironment(loader=loader))
+    return ENVIRONMENTS[0]
+
+
 def lead_in(app: Sphinx, exception: Exception | None) -> None:
     """The folder's own index.html leads to the index."""
     (app.outdir / "index.html").write_text(f'<meta http-equiv="refresh" content="0; url={root_doc}.html">\n')
 
 
 def setup(app: Sphinx) -> None:
+    docscrape_sphinx.SandboxedEnvironment = one_environment
     app.add_html_math_renderer("mathml", (set_formula, None), (set_formula, None))
     write_reference(DOCS / "reference")
     if shutil.which("doxygen"):
@@ -398,3 +421,4 @@ def setup(app: Sphinx) -> None:
     app.connect("build-finished", lead_in)
     app.connect("source-read", complete)
     app.connect("doctree-read", complete_outputs)
+    app.connect("html-page-context", share_menu, priority=400)  # before the theme's

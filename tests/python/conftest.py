@@ -17,6 +17,8 @@ pytest.register_assert_rewrite("tick_scenes")
 
 ROOT = Path(__file__).parents[2]
 os.environ["BURRLAB_CACHE"] = ""  # nothing is kept between tests
+# Otherwise each process that a test starts compiles all modules again, up to 1.7 s.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(scope="session", autouse=True)

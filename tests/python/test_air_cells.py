@@ -31,7 +31,12 @@ def filled(cells: AirCells, seed: int) -> tuple[Honeycomb, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("cells", "seed"), [(AirCells(2.0, 1.4), 5), (AirCells(3.0, 1.2, 0.4), 6), (AirCells(2.5, 1.55), 7)]
+    ("cells", "seed"),
+    [
+        (AirCells(2.0, 1.4), 5),
+        (AirCells(3.0, 1.2, 0.4), 6),
+        pytest.param(AirCells(2.5, 1.55), 7, marks=pytest.mark.slow),
+    ],
 )
 def test_sizes_follow_the_distribution_asked_for(cells, seed):
     """Drawn sizes alone would pass; counted ones also have the errors of the weights."""

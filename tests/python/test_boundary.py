@@ -183,13 +183,13 @@ def test_trials_that_never_came_to_it_are_lost_and_counted(tmp_path):
 
 
 def test_a_subject_who_feels_change_finds_it():
-    one = design(ConstantStimuli, [0.5], repeats=24, boundary=(0.2, 0.4), interval=10.0)
+    one = design(ConstantStimuli, [0.5], repeats=12, boundary=(0.2, 0.4), interval=10.0)
     sure = SimulatedSubject(weber=0.02, cues=["change"], lapse=0.0)
     (counts,) = rehearse(one, sure, subjects=1, seed=1, burr=BURR, bone=BONE)
     assert counts.score >= 0.9 * counts.trials
     deep = replace(one, boundary=(5.0, 6.0), levels=[0.5])
     order = rehearsed_order(deep, sure, seed=1, burr=BURR, bone=BONE)
-    assert (len(order.lost), order.counted()) == (24, [])
+    assert (len(order.lost), order.counted()) == (12, [])
 
 
 @pytest.mark.slow

@@ -120,7 +120,9 @@ def long_run(path: str, scene: Scene, ticks: int) -> tuple[str, list[Any]]:
 
 
 @pytest.mark.skipif(len(PATHS) < 2, reason="this CPU has one path only")
-@pytest.mark.parametrize("fill", ["solid", "random", "sparse"])
+@pytest.mark.parametrize(
+    "fill", ["random", *(pytest.param(fill, marks=pytest.mark.slow) for fill in ("solid", "sparse"))]
+)
 @pytest.mark.parametrize("spacing", [(0.1, 0.1, 0.1), (0.1, 0.13, 0.08)], ids=["equal", "skew"])
 @pytest.mark.parametrize(
     ("scheme", "shape", "alpha"),

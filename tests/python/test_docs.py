@@ -60,14 +60,18 @@ def test_commands_of_the_readme(here):
     assert bone.alpha in fit.intervals["alpha"][95]
 
 
-def test_claims_of_the_paper(here):
-    """The page's table is the last output of its notebook, and its commands run."""
+def test_claims_of_the_paper():
+    """The page's table is the last output of its notebook."""
     notebook = json.loads((ROOT / "notebooks/00_paper.ipynb").read_text(encoding="utf-8"))
     assert "".join(notebook["cells"][-1]["outputs"][0]["data"]["text/markdown"]) in TEXTS["paper.md"]
+
+
+@pytest.mark.slow
+def test_commands_of_the_paper(here):
+    """Those of the README take the same ways."""
     told = commands("paper.md")
     assert len(told) >= 8
-    for line in told:
-        assert main(shlex.split(line)[1:]) == 0, line
+    assert {line: main(shlex.split(line)[1:]) for line in told} == dict.fromkeys(told, 0)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +82,7 @@ def test_claims_of_the_paper(here):
         "experiment",
         "volumes",
         "tissues",
-        "phantom",
+        pytest.param("phantom", marks=pytest.mark.slow),  # examples/phantom.py is like it
         "effects",
         "anatomy",
         "view",

@@ -988,7 +988,7 @@ def test_a_specimen_s_window_bounds_no_other(design):
     assert again.at(1.7).profile == pytest.approx(fit.likelihood.at(1.7).profile, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))])
 def test_pressed_rows_are_judged_with_all_best_offsets(seed):
     """Those of force and surface balance one another; moved by one alone, presses would contradict Eq. 3."""
     curve = burrlab.synthetic_curve(BURR, BONE, FORCES[1:], repeats=3, scatter=0.05, seed=seed)

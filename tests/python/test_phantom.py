@@ -222,7 +222,7 @@ def test_depth_and_layers(ear):
     assert (whole.on[-1], whole.duration) == (False, whole.time[-1])
 
 
-PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
+PART = {"size": (6, 6, 6), "corner": (20, -6, -6)}
 
 
 @pytest.mark.parametrize(
@@ -235,4 +235,11 @@ PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
     ],
 )  # fmt: skip
 def test_paths_that_are_refused(ear, place, burr, options, told):
-    refused((lambda: mastoidectomy_path(place or ear, burr, **options), told))
+    refused(
+        (
+            lambda: mastoidectomy_path(
+                ear if place is None else temporal_bone(0.5, seed=3, **place), burr, **options
+            ),
+            told,
+        )
+    )

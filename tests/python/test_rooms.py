@@ -2,33 +2,38 @@
 
 import ast
 import runpy
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 HOUSE = runpy.run_path(str(Path(__file__).parents[2] / "examples/rooms.py"))
-FACED = ("anatomy", "effects", "psychophysics", "view", "volume")
-TREES = HOUSE["trees"]()
-TIES = {
-    name: {
-        part
-        for found in HOUSE["imported"](tree)
-        for part in (found, found.rpartition(".")[0])
-        if part in TREES
+trees = cache(HOUSE["trees"])
+
+
+@cache
+def ties() -> dict[str, set[str]]:
+    """Name of each module -> the modules that it imports."""
+    return {
+        name: {
+            part
+            for found in HOUSE["imported"](tree)
+            for part in (found, found.rpartition(".")[0])
+            if part in trees()
+        }
+        - {name, "burrlab"}
+        for name, tree in trees().items()
     }
-    - {name, "burrlab"}
-    for name, tree in TREES.items()
-}
-
-
-def test_no_circles() -> None:
-    TopologicalSorter(TIES).prepare()
 
 
 def test_imports() -> None:
-    order, faces = HOUSE["ROOMS"].index, ("burrlab", *(f"burrlab.{one}" for one in FACED))
-    for name, tree in TREES.items():
+    TopologicalSorter(ties()).prepare()  # no circles
+    order, faces = (
+        HOUSE["ROOMS"].index,
+        ("burrlab", *map("burrlab.{}".format, ("anatomy", "effects", "psychophysics", "view", "volume"))),
+    )
+    for name, tree in trees().items():
         mine = HOUSE["room"](name)
-        rooms = {HOUSE["room"](other) for other in TIES[name]} - {None}
+        rooms = {HOUSE["room"](other) for other in ties()[name]} - {None}
         assert mine is None or all(order(other) <= order(mine) for other in rooms), (
             f"{name} imports from the right"
         )

@@ -156,7 +156,9 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.parametrize("fill", ["solid", "random", "faint", "sparse"])
-@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.2, 0.2, 0.3), (0.15, 0.25, 0.2)], ids=str)
+@pytest.mark.parametrize(
+    "spacing", [(0.2, 0.2, 0.2), pytest.param((0.2, 0.2, 0.3), marks=pytest.mark.slow), (0.15, 0.25, 0.2)], ids=str
+)  # fmt: skip
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_tick_equals_reference(
@@ -199,7 +201,7 @@ def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
     check_scene(scene_of(scheme, "parabolic", steps=steps, alpha=0.5, fill="solid"))
 
 
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 30), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 30), marks=pytest.mark.slow)], ids=str)
 @pytest.mark.parametrize("spacing", [(0.1, 0.1, 0.1), (0.12, 0.1, 0.11)], ids=str)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -9,7 +9,7 @@ from scipy import ndimage, stats
 
 from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.bone.phantom.phantom import temporal_bone
-from burrlab.bone.phantom.shapes import Grid
+from burrlab.bone.phantom.structures import Grid
 
 FALSE_ALARM = 1e-6
 

@@ -9,14 +9,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from burrlab.bone.phantom.shapes import FAR, Floats, Grid, Singles
-from burrlab.bone.uneven import unit_draws
+from burrlab.bone.phantom.structures import FAR, Floats, Grid, Singles, uniform
 from burrlab.common.check import refuse
 
 #: Edge of the blocks that share a list of nearby cells [mm].
 BLOCK = 2.0
-#: Second key word of the draws: no other use of the same seed shares them.
-STREAM = 0xA14CE115
 #: Lattice steps for setting the cells' volumes, coarse and fine [median diameters], and rounds on each.
 STEPS = ((0.4, 25), (0.2, 20))
 
@@ -79,11 +76,6 @@ class AirCells:
         return np.sort(diameter[: max(1, count)])[::-1]
 
 
-def uniform(seed: int, purpose: int, count: int) -> Floats:
-    """Draws in (0, 1) that depend on seed and purpose alone."""
-    return unit_draws(seed, STREAM, [0, 0, 0, purpose], count)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Honeycomb:
     """Cells of a power diagram: a point belongs to the site with the least |x - site|^2 - weight.
@@ -136,8 +128,7 @@ class Honeycomb:
         sites, weights = self.sites[near], self.weights[near]
         power = -np.broadcast_to(weights, (len(points), len(near)))
         for axis in range(3):
-            offset = points[:, axis, None] - sites[None, :, axis]
-            power = power + offset * offset
+            power = power + (points[:, axis, None] - sites[None, :, axis]) ** 2
         owner = np.argmin(power, axis=1)
         apart = np.sqrt(((sites[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2))
         np.fill_diagonal(apart, 1.0)
@@ -152,8 +143,7 @@ class Honeycomb:
         excess = power - power[owner]
         apart = np.sqrt(((self.sites - self.sites[owner]) ** 2).sum(axis=1))
         # The difference of two powers is linear, with twice the distance of the sites as its slope.
-        owners = excess <= 2 * half * apart
-        widest = float(apart[owners].max())
+        widest = float(apart[excess <= 2 * half * apart].max())
         return np.flatnonzero(excess <= 2 * half * apart + 2 * reach * (apart + widest))
 
     def owners(self, points: Floats) -> NDArray[np.int64]:
@@ -225,10 +215,10 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
     # A site without a lattice point may own a sliver between the points: such sites are removed.
     populated = count > 0
-    realised = np.cbrt(6 / math.pi * count[populated] * step**3)
     return Honeycomb(
-        sites[populated], weights[populated], drawn[populated], realised, int(np.count_nonzero(~populated))
-    )
+        sites[populated], weights[populated], drawn[populated], np.cbrt(6 / math.pi * count[populated] * step**3),
+        int(np.count_nonzero(~populated)),
+    )  # fmt: skip
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:

@@ -13,8 +13,19 @@ from burrlab._core import Material, Tissues, VoxelBone
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.materials import materials
 from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
-from burrlab.bone.phantom.shapes import Floats, Grid, Singles, distance_to, ellipsoid, lattice_around, share
-from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
+from burrlab.bone.phantom.structures import (
+    CELLS_BOX,
+    DURA,
+    Fields,
+    Floats,
+    Grid,
+    Singles,
+    Structures,
+    distance_to,
+    ellipsoid,
+    lattice_around,
+    share,
+)
 from burrlab.bone.tissues import default_tissues
 from burrlab.common.check import check_memory, real, refuse, require_type
 from burrlab.common.progress import Progress, reporter
@@ -142,10 +153,10 @@ class Phantom:
     @property
     def target_labels(self) -> LabelVolume:
         """Planned cavity as labels, 1 inside, for `write_volume` and `burrlab metrics --target`."""
-        origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
         return LabelVolume(
-            self.target.astype(np.uint8), spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"}
-        )
+            self.target.astype(np.uint8), np.array(self.bone.spacing), np.array(self.bone.origin), np.eye(3),
+            "planned cavity", {1: "planned cavity"},
+        )  # fmt: skip
 
 
 def temporal_bone(
@@ -219,8 +230,7 @@ def temporal_bone(
     for begin in range(0, grid.shape[0], layers):
         rows = slice(begin, begin + layers)
         slab = paint(at, fields, cells, Grid(painted.x, painted.y, painted.z[rows]), air_cells.wall, width)
-        for whole, painted_part in zip((levels, numbers, target), slab, strict=True):
-            whole[rows] = painted_part[:, :, ::way]
+        levels[rows], numbers[rows], target[rows] = (part[:, :, ::way] for part in slab)
         report(min(1.0, (begin + layers) / grid.shape[0]))
     bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
     bone.set_tissues(phantom_tissues(material), numbers)
@@ -273,7 +283,6 @@ def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Hon
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))
-        inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
-        return fine.points()[inside.ravel()]
+        return fine.points()[((fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)).ravel()]
 
     return honeycomb(AirCells(median_diameter, geometric_deviation, wall=0.05), lattice, seed)

@@ -1,25 +1,153 @@
-"""Geometry of the phantom's structures, a right ear: surfaces, plates and tubes as fields on a lattice.
+"""Geometry of the phantom, a right ear: shapes as signed distances, structures made of them, fields on a lattice.
 
 The origin is the spine of Henle, on the bone's surface. x is depth (towards the middle of the head), y points
 back, z up [mm].
 """
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
-from burrlab.bone.phantom.air_cells import uniform
-from burrlab.bone.phantom.shapes import (
-    Floats,
-    Grid,
-    Singles,
-    Tube,
-    distance_to,
-    ellipsoid,
-    frame_along,
-    interpolate,
-    smooth_max,
-    smooth_min,
-    tapered,
-)
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab.bone.uneven import unit_draws
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+#: Step of the lattice for smooth fields [mm]; its nodes are multiples of the step in any volume.
+LATTICE = 0.5
+#: Largest distance; larger ones count as this one [mm].
+FAR = 15.0
+#: Second key word of the draws: no other use of the same seed shares them.
+STREAM = 0xA14CE115
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Coordinates x, y, z [mm] of the points of a grid; its fields have the shape (z, y, x)."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return len(self.z), len(self.y), len(self.x)
+
+    def points(self) -> Floats:
+        """All points, shape (n, 3)."""
+        z, y, x = np.meshgrid(self.z, self.y, self.x, indexing="ij")
+        return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+    def open(self) -> tuple[Floats, Floats, Floats]:
+        """x, y and z in shapes that broadcast to the grid's shape."""
+        return self.x[None, None, :], self.y[None, :, None], self.z[:, None, None]
+
+
+def lattice_around(grid: Grid) -> Grid:
+    """Lattice nodes that interpolation at the points of a grid needs."""
+    ends = (np.floor(places[[0, -1]] / LATTICE) for places in (grid.x, grid.y, grid.z))
+    return Grid(*(LATTICE * np.arange(first, last + 2) for first, last in ends))
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """Tube around a polyline; points (n, 3) and radius (n,) [mm], linear between the points."""
+
+    points: Floats
+    radius: Floats
+
+    @classmethod
+    def along(cls, points: ArrayLike, radius: ArrayLike, *, step: float = 1.0) -> "Tube":
+        """Tube along a smooth curve through the points, in pieces of about `step` [mm]."""
+        corners = np.asarray(points, dtype=float)
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+        fine = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
+        curve = np.column_stack(
+            [scipy.interpolate.PchipInterpolator(at, corners[:, axis])(fine) for axis in range(3)]
+        )
+        return cls(curve, np.interp(fine, at, np.broadcast_to(np.asarray(radius, dtype=float), at.shape)))
+
+    @classmethod
+    def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> "Tube":
+        """Torus: `radius` is that of its circle, `thickness` that of the tube [mm]."""
+        _, u, v = frame_along(normal)
+        angle = np.linspace(0.0, 2 * np.pi, 33)[:, None]
+        circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * u + np.sin(angle) * v)
+        return cls(circle, np.full(len(circle), thickness))
+
+
+def frame_along(direction: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """The direction with length 1, and two directions of length 1 across it and each other."""
+    n = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    u = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return n, u, np.cross(n, u)
+
+
+def tapered(grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float]) -> Floats:
+    """Signed distance from a piece of a tube, whose radius is linear between its ends [mm]."""
+    a, b = ends
+    along = b - a
+    square = float(along @ along)
+    x, y, z = Grid(grid.x - a[0], grid.y - a[1], grid.z - a[2]).open()
+    t = np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0) if square else 0.0
+    dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
+    return np.asarray(np.sqrt(dx * dx + dy * dy + dz * dz) - (radii[0] + t * (radii[1] - radii[0])))
+
+
+def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
+    """Signed distance from tubes [mm]; FAR where it is above `reach`."""
+    out = np.full(grid.shape, FAR)
+    for tube in tubes:
+        for (a, b), radii in zip(pairwise(tube.points), pairwise(tube.radius.tolist()), strict=True):
+            pad = max(radii) + reach
+            box = np.transpose([np.minimum(a, b) - pad, np.maximum(a, b) + pad])
+            i, j, k = (
+                slice(*np.searchsorted(places, sides))
+                for places, sides in zip((grid.x, grid.y, grid.z), box, strict=True)
+            )
+            near = Grid(grid.x[i], grid.y[j], grid.z[k])
+            if 0 not in near.shape:
+                distance, part = tapered(near, (a, b), radii), out[k, j, i]
+                np.minimum(part, distance, out=part, where=distance < reach)
+    return out
+
+
+def ellipsoid(grid: Grid, centre: ArrayLike, half_axes: ArrayLike) -> Floats:
+    """Signed distance from an ellipsoid [mm], to first order at its surface."""
+    c, h = np.asarray(centre, dtype=float), np.asarray(half_axes, dtype=float)
+    x, y, z = grid.open()
+    u, v, w = (x - c[0]) / h[0], (y - c[1]) / h[1], (z - c[2]) / h[2]
+    k = np.sqrt(u * u + v * v + w * w)
+    slope = np.sqrt((u / h[0]) ** 2 + (v / h[1]) ** 2 + (w / h[2]) ** 2)
+    return np.asarray(k * (k - 1.0) / np.maximum(slope, 1e-9))
+
+
+def smooth_min(a: Floats, b: Floats, width: float) -> Floats:
+    """The smaller of two distances, rounded over a width where they meet [mm]."""
+    h = np.maximum(width - np.abs(a - b), 0.0) / width
+    return np.asarray(np.minimum(a, b) - h * h * (width / 4.0))
+
+
+def smooth_max(a: Floats, b: Floats, width: float) -> Floats:
+    """The larger of two distances, rounded over a width where they meet [mm]."""
+    return -smooth_min(-a, -b, width)
+
+
+def share(distance: Singles, width: float) -> Singles:
+    """Part of a voxel inside a surface, 0..1, from its centre's signed distance and its width [mm]."""
+    part = np.float32(0.5) - distance * np.float32(1.0 / width)
+    return np.asarray(np.clip(part, np.float32(0.0), np.float32(1.0)))
+
+
+def uniform(seed: int, purpose: int, count: int) -> Floats:
+    """Draws in (0, 1) that depend on seed and purpose alone."""
+    return unit_draws(seed, STREAM, [0, 0, 0, purpose], count)
+
 
 #: Thickness of the dura [mm], assumed.
 DURA = 1.0
@@ -115,9 +243,9 @@ class Structures:
     def landmarks(self) -> dict[str, Floats]:
         """Points by name [mm]."""
         y, z = self.antrum[0][1] + 2.0, self.antrum[0][2] - 5.0
-        surface = surface_depth(Grid(np.zeros(1), np.array([y]), np.array([z])))
+        surface = surface_depth(Grid(np.zeros(1), np.array([y]), np.array([z]))).item()
         return {
-            "spine of Henle": np.zeros(3), "entry": np.array([float(surface.ravel()[0]), y, z]),
+            "spine of Henle": np.zeros(3), "entry": np.array([surface, y, z]),
             "antrum": self.antrum[0], "second genu": self.nerve.points[self.genu],
             "stylomastoid foramen": self.nerve.points[-1],
             "lateral canal": self.canals[0].points[:-1].mean(axis=0),
@@ -134,10 +262,7 @@ def surface_depth(grid: Grid) -> Floats:
 
 
 def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
-    rings = [Tube.ring(shift + place, normal, radius, thick) for place, normal, radius, thick in CANALS]
     centre = shift + [22.2, -0.5, -0.4]
-    common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
-    low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
     # 2.5 turns, 9.2 mm across and 5.1 mm high; they narrow and rise towards the front and side.
     axis, u, v = frame_along([-0.55, -0.8, -0.25])
     t = np.linspace(0.0, 1.0, 61)[:, None]
@@ -145,8 +270,14 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     radius = 3.9 * (1.0 - 0.75 * t)
     spiral = shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * u + np.sin(angle) * v) + 3.4 * t * axis
     cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
-    start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))
-    return (*rings, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))
+    tubes = (
+        *(Tube.ring(shift + place, normal, radius, thick) for place, normal, radius, thick in CANALS),
+        Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7)),  # of the two upright canals
+        Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6)),  # below them
+        cochlea,
+        Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0)),
+    )
+    return tubes, (centre, np.array([1.9, 2.6, 2.4]))
 
 
 #: Thickness of the compact bone over the air cells [mm], assumed.
@@ -202,8 +333,21 @@ class Fields:
         self.distances = {name: part.astype(np.float32) for name, part in distances.items()}
 
     def on(self, name: str, grid: Grid) -> Singles:
-        """The named field at the points of a grid."""
-        return interpolate(self.distances[name], self.lattice, grid)
+        """The named field at the points of a grid, by trilinear interpolation."""
+        lattice, field = self.lattice, self.distances[name]
+        for axis, (nodes, places) in enumerate(
+            [(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]
+        ):
+            low = np.floor(places / LATTICE)
+            first = (low - np.rint(nodes[0] / LATTICE)).astype(np.int64)
+            part = (
+                (places / LATTICE - low)
+                .astype(np.float32)
+                .reshape([-1 if k == axis else 1 for k in range(3)])
+            )
+            below = np.take(field, first, axis=axis)
+            field = below + part * (np.take(field, first + 1, axis=axis) - below)
+        return np.asarray(field)
 
 
 def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:

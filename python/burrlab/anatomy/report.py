@@ -160,8 +160,11 @@ class AnatomyReport(AsDict):
     @classmethod
     def recorded(cls, trace: Any) -> "AnatomyReport | None":
         """The report of the session itself; None if it had no watch or did not come to its end."""
-        if not hasattr(trace, "watched"):
-            raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
+        refuse(
+            not hasattr(trace, "watched"),
+            f"trace must be a Trace, as load_trace gives it, got {trace!r}",
+            TypeError,
+        )
         if trace.watched is None or trace.tissues is None:
             return None
         return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
@@ -184,8 +187,8 @@ class AnatomyReport(AsDict):
     @property
     def removed(self) -> dict[str, float]:
         """Volume removed of each tissue in the session [mm^3]."""
-        volumes = self.watched.removed * (self.voxel_volume / 255.0)
-        return dict(zip(self.tissues, volumes.tolist(), strict=True))
+        volumes = (self.watched.removed * (self.voxel_volume / 255.0)).tolist()
+        return dict(zip(self.tissues, volumes, strict=True))
 
     @property
     def touched(self) -> dict[str, float]:
@@ -222,8 +225,10 @@ class AnatomyReport(AsDict):
         """
         check_structure(structure, self.structures)
         refuse(not 0 <= burr < self.burrs, f"burr must be an index below {self.burrs}, got {burr}")
-        row = self.watched.doses[burr, self.structures.index(structure)]
-        return Dose.of(row, structure, burr, self.period, self.voxel_volume)
+        rows = self.watched.doses[burr]
+        return Dose.of(
+            rows[self.structures.index(structure)], structure, burr, self.period, self.voxel_volume
+        )
 
     @property
     def doses(self) -> list[Dose]:
@@ -234,8 +239,8 @@ class AnatomyReport(AsDict):
     def _shown(self) -> tuple[list[Dose], str]:
         """Doses beside the structures that burrs came nearest to, and a sentence on the others."""
         nearest = sorted(self.structures, key=self.closest.__getitem__)
-        left_out = len(nearest[SHOWN:])
         doses = [dose for dose in self.doses if dose.structure in nearest[:SHOWN]]
+        left_out = len(nearest[SHOWN:])
         return doses, f"{left_out} structures farther away are left out" if left_out else ""
 
     def equals(self, other: "AnatomyReport") -> bool:
@@ -256,8 +261,7 @@ class AnatomyReport(AsDict):
         if self.structures:
             least = " or ".join(f"{volume:g}" for volume in dict.fromkeys(self._injury_volumes.values()))
             doses, others = self._shown
-            kinds = Counter(event.kind for event in self.events)
-            counts = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+            counts = ", ".join(f"{n} {kind}" for kind, n in Counter(e.kind for e in self.events).items())
             lines += [
                 f"touched for {TOUCH_TIME:g} s or more [s]: {_listed(self.touched)}",
                 f"injured by {least} mm^3 or more [mm^3]: {_listed(self.injured)}",
@@ -267,12 +271,14 @@ class AnatomyReport(AsDict):
                 *[f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20],
             ]
         w = self.watched
-        lost = f"  ! {w.events_lost} further events were counted, not kept"
-        passed_over = (
-            f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is "
-            "whole, a closer approach may have been missed"
-        )
-        return "\n".join([*lines, *[lost] * bool(w.events_lost), *[passed_over] * bool(w.gaps)])
+        if w.events_lost:
+            lines.append(f"  ! {w.events_lost} further events were counted, not kept")
+        if w.gaps:
+            lines.append(
+                f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is "
+                "whole, a closer approach may have been missed"
+            )
+        return "\n".join(lines)
 
     def __repr__(self) -> str:
         near = ", ".join(f"{name} {d:.3g} mm" for name, d in self.closest.items())

@@ -80,13 +80,13 @@ class TargetComparison(AsDict):
             f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice {self.dice:.3f}",
         ])  # fmt: skip
 
-    def __repr__(self) -> str:
-        return self.table()
+    __repr__ = table
 
     def _repr_html_(self) -> str:
-        volumes = {f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS}
-        title = f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}"
-        return html_table(title, {"tissue": self.tissues, **volumes})
+        return html_table(
+            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}",
+            {"tissue": self.tissues, **{f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS}},
+        )
 
     @drawing
     def plot(
@@ -106,8 +106,10 @@ class TargetComparison(AsDict):
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
         axes.margins(x=0.12)
-        title = f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}"
-        axes.set(xlabel="volume of solid bone [mm$^3$]", title=title)
+        axes.set(
+            xlabel="volume of solid bone [mm$^3$]",
+            title=f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}",
+        )
         return axes
 
 
@@ -203,8 +205,7 @@ def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> 
         return target
     check_count(label_counts(target.labels, target.path), f"{target.path}: ")
     grid = grid_of_bone(bone, target)
-    if onto:
-        return np.asarray(target.on(grid).labels != 0)
+    labels = target.on(grid) if onto else target
     with amend_error(after="; onto=True (--onto) brings it on the bone's voxels"):
-        check_same_geometry(target, grid)
-    return np.asarray(target.labels != 0)
+        check_same_geometry(labels, grid)
+    return np.asarray(labels.labels != 0)

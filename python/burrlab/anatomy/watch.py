@@ -257,8 +257,9 @@ class Watch:
             If the structure is not watched, or a number is not finite or out of range.
         """
         check_structure(structure, self.structures)
-        at = real(centers, "centers")
-        return self._distances[self.structures.index(structure)].of_sphere(at, scalar(radius, "radius"))
+        return self._distances[self.structures.index(structure)].of_sphere(
+            real(centers, "centers"), scalar(radius, "radius")
+        )
 
     def __repr__(self) -> str:
         limits = ", ".join(

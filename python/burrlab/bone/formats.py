@@ -150,8 +150,10 @@ def read_labels(
             values, names, colours, more = merged(values, segments)
             notes += more
         else:
-            parts = [part for _, part in sorted(_parts(header.fields).items())]
-            names = {s.label: s.name for s, part in zip(segments, parts, strict=True) if part.get("Name")}
+            parts = sorted(_parts(header.fields).items())
+            names = {
+                s.label: s.name for s, (_, part) in zip(segments, parts, strict=True) if part.get("Name")
+            }
             colours = {s.label: s.colour for s in segments if s.colour}
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, names, colours, notes,
@@ -196,8 +198,9 @@ def _read_file(name: str, spacing: float | ArrayLike | None, most: int) -> tuple
         )
     header, layout = read_header(name)
     if any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
-        note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
-        header = replace(header, notes=(*header.notes, note))
+        header = replace(header, notes=(
+            *header.notes, f"{name} was written from a file that says no orientation: {LPS_ASSUMED}",
+        ))  # fmt: skip
     checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
     if header.layers > most:
@@ -220,8 +223,7 @@ def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]
     stored = np.require(data[:size].view(at.kind).reshape(shape), at.kind.newbyteorder("="), "A")
     if (at.slope, at.inter) == (1.0, 0.0):
         return stored
-    single = stored.dtype.itemsize <= 2 or stored.dtype == np.float32
-    values = np.empty(shape, np.float32 if single else np.float64)
+    values = np.empty(shape, np.result_type(stored.dtype, np.float32))
     with np.errstate(over="ignore", invalid="ignore"):  # `Volume` refuses what is not finite with its place
         for k, plane in enumerate(stored):  # plane by plane: no copies of a large volume
             values[k] = plane * np.float64(at.slope) + np.float64(at.inter)
@@ -535,9 +537,11 @@ def merged(
                 f"{first}: export the segmentation as a label map"
             )
         labels[here] = label
-    pairs = list(zip(numbers, segments, strict=True))
-    colours = {label: segment.colour for label, segment in pairs if segment.colour is not None}
-    return labels, {label: segment.name for label, segment in pairs}, colours, notes
+    pairs = dict(zip(numbers, segments, strict=True))
+    return (
+        labels, {label: segment.name for label, segment in pairs.items()},
+        {label: segment.colour for label, segment in pairs.items() if segment.colour}, notes,
+    )  # fmt: skip
 
 
 def _whole(key: str, text: str, most: int) -> int:

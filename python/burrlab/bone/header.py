@@ -23,6 +23,9 @@ from burrlab.bone.specimen import checked_spacing
 from burrlab.common.check import extra, refuse, shown
 
 Choice = TypeVar("Choice")
+Place = tuple[
+    Array, Array, Array, tuple[str, ...]
+]  #: Spacing, origin, direction, and notes on what is assumed.
 
 #: Words in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
@@ -269,10 +272,10 @@ def nrrd_header(name: str) -> tuple[Header, Storage]:
         f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
         f"{' x '.join(map(shown, sizes))}",
     )
-    shape, notes = three_sizes([sizes[i] for i in spatial], name), list[str]()
-    place = _nrrd_place(fields, [vectors[i] for i in spatial] if vectors else [], spatial, name, notes)
+    shape = three_sizes([sizes[i] for i in spatial], name)
+    place = _nrrd_place(fields, [vectors[i] for i in spatial] if vectors else [], spatial, name)
     custom_keys = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
-    return Header(shape, *place, tuple(notes), custom_keys, layers), _nrrd_layout(fields, end, name)
+    return Header(shape, *place, custom_keys, layers), _nrrd_layout(fields, end, name)
 
 
 def _spatial_axes(sizes: list[int], kinds: list[str], vectors: list[Any]) -> list[int]:
@@ -283,11 +286,8 @@ def _spatial_axes(sizes: list[int], kinds: list[str], vectors: list[Any]) -> lis
     return spatial
 
 
-def _nrrd_place(
-    fields: dict[str, str], vectors: list[Any], spatial: list[int], name: str, notes: list[str]
-) -> tuple[Array, Array, Array]:
-    """Spacing, origin and direction; what is assumed is added to the notes."""
-    turn = np.ones(3)
+def _nrrd_place(fields: dict[str, str], vectors: list[Any], spatial: list[int], name: str) -> Place:
+    turn, notes = np.ones(3), list[str]()
     if vectors or "space origin" in fields:
         space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
         if vectors and space not in _TO_LPS:
@@ -304,13 +304,13 @@ def _nrrd_place(
         notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
     if (origin_text := fields.get("space origin")) is None:
         notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
-        return spacing, np.zeros(3), direction
+        return spacing, np.zeros(3), direction, tuple(notes)
     origin = _vector(origin_text, name)
     refuse(
         origin.shape != (3,) or not np.all(np.isfinite(origin)),
         f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
     )
-    return spacing, turn * origin, direction
+    return spacing, turn * origin, direction, tuple(notes)
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
@@ -379,28 +379,24 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
 
 
 def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Storage:
-    encoding, kind_name, order = (fields.get(key, "").lower() for key in ("encoding", "type", "endian"))
-    encoding = _chosen(
-        _NRRD_ENCODINGS, encoding, f"{name}: encoding of the NRRD file must be raw, gzip, text or hex"
-    )
-    kind = np.dtype(
-        _chosen(_NRRD_KINDS, kind_name, f"{name}: type of the NRRD file must be one of whole or real numbers")
-    )
-    if encoding != "text" and kind.itemsize > 1:
-        kind = kind.newbyteorder(
-            _chosen(
-                {"little": "<", "big": ">"}, order, f"{name}: endian of the NRRD file must be little or big"
-            )
+    def chosen(choices: Mapping[str, str], field: str, rule: str) -> str:
+        return _chosen(
+            choices, fields.get(field, "").lower(), f"{name}: {field} of the NRRD file must be {rule}"
         )
+
+    encoding = chosen(_NRRD_ENCODINGS, "encoding", "raw, gzip, text or hex")
+    kind = np.dtype(chosen(_NRRD_KINDS, "type", "one of whole or real numbers"))
+    if encoding != "text" and kind.itemsize > 1:
+        kind = kind.newbyteorder(chosen({"little": "<", "big": ">"}, "endian", "little or big"))  # type: ignore[arg-type]
     lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
     refuse(
         skip < 0 and encoding != "raw",
         f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}",
     )
-    if (apart := fields.get("data file")) is not None:
-        return Storage(kind, encoding, _value_files(apart, name), 0, lines, skip)
-    refuse(not end, f"{name}: the values must follow the NRRD header in the same file")
-    return Storage(kind, encoding, [Path(name)], end, lines, skip)
+    apart = fields.get("data file")
+    refuse(apart is None and not end, f"{name}: the values must follow the NRRD header in the same file")
+    places = ([Path(name)], end) if apart is None else (_value_files(apart, name), 0)
+    return Storage(kind, encoding, *places, lines, skip)
 
 
 # ---- MetaImage ----
@@ -424,11 +420,11 @@ def meta_header(name: str) -> tuple[Header, Storage]:
 
     def numbers(default: list[float], *keys: str) -> Array:
         """Numbers of the first of these fields that the header has."""
-        for key in keys:
-            if key in fields:
-                where = f"{name}: cannot be read as a volume: {key} of the MetaImage header is"
-                return numbers_in(fields[key], f"{where} {shown(fields[key])}")
-        return np.array(default)
+        key = next((key for key in keys if key in fields), "")
+        wrong = (
+            f"{name}: cannot be read as a volume: {key} of the MetaImage header is {shown(fields.get(key))}"
+        )
+        return numbers_in(fields[key], wrong) if key else np.array(default)
 
     refuse(
         "DimSize" not in fields, f"{name}: cannot be read as a volume: the MetaImage header has no DimSize"
@@ -478,8 +474,9 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     custom_fields = {
         key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
     }
-    header = Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields)
-    return header, _meta_layout(fields, end, name)
+    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields), _meta_layout(
+        fields, end, name
+    )
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
@@ -503,13 +500,8 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
 
 
 def _meta_layout(fields: dict[str, str], end: int, name: str) -> Storage:
-    kind = np.dtype(
-        _chosen(
-            _META_KINDS,
-            fields.get("ElementType", ""),
-            f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}",
-        )
-    )
+    rule = f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}"
+    kind = np.dtype(_chosen(_META_KINDS, fields.get("ElementType", ""), rule))
     switches = {"ElementByteOrderMSB": "False", "BinaryData": "True", "CompressedData": "False", **fields}
     binary, packed, big_endian = (
         switches.get(key, switches["ElementByteOrderMSB"])[:1].lower() in ("t", "1")
@@ -564,15 +556,14 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
         slope, inter = 1.0, 0.0
     refuse(not math.isfinite(inter), f"{name}: scl_inter of the NIfTI header must be finite, got {inter}")
     place = pair + ".img" if pair is not None and apart else name
-    layout = Storage(
-        np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
-        inter=inter,
-    )  # fmt: skip
     texts = {  # ITK refuses to write a text that does not end in a zero byte
         key: at[field][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore")
         for key, field in _KEPT_NIFTI.items()
     }
-    return Header(shape, *_nifti_place(at, shape, name), texts), layout
+    return Header(shape, *_nifti_place(at, shape, name), texts), Storage(
+        np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
+        inter=inter,
+    )  # fmt: skip
 
 
 def _is_packed(path: str) -> bool:
@@ -609,10 +600,7 @@ def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
     raise ValueError(f"{name}: cannot be read as a volume: no NIfTI header")
 
 
-def _nifti_place(
-    at: dict[str, Any], shape: tuple[int, int, int], name: str
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Spacing, origin, direction and notes."""
+def _nifti_place(at: dict[str, Any], shape: tuple[int, int, int], name: str) -> Place:
     unit, notes = at["units"][0] & 7, []
     if unit not in _NIFTI_UNITS:
         notes.append("the NIfTI header names no unit of length: millimetres are assumed")
@@ -664,11 +652,9 @@ def _from_quaternion(at: dict[str, Any], name: str) -> Array:
     if square > 1.0:
         b, c, d = (part / math.sqrt(square) for part in (b, c, d))
     a = math.sqrt(max(1.0 - square, 0.0))
-    turn = np.array(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-        ]
-    )
+    turn = np.array([
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+    ])  # fmt: skip
     return np.asarray(turn * (1.0, 1.0, -1.0 if at["pixdim"][0] < 0 else 1.0))

@@ -36,8 +36,10 @@ _OBJECTS = {
 def object_html(instance: object) -> str:
     """HTML of a burr, material, bone or volume: a row an attribute."""
     rows = _OBJECTS[(kind := type(instance).__name__)]
-    names = [f"{name} [{unit}]" if unit else name for name, unit in rows.items()]
-    return html_table(kind, {"": names, kind: [_plain(getattr(instance, name)) for name in rows]})
+    return html_table(kind, {
+        "": [f"{name} [{unit}]" if unit else name for name, unit in rows.items()],
+        kind: [_plain(getattr(instance, name)) for name in rows],
+    })  # fmt: skip
 
 
 def _plain(value: Any) -> str:
@@ -621,8 +623,7 @@ class Volume(OnGrid):
         check_finite(values, self.path)
         self._check(values)
 
-    def _repr_html_(self) -> str:
-        return object_html(self)
+    _repr_html_ = object_html
 
     @doing("making bone of grey values")
     def to_bone(self, mapping: OccupancyMap, *, spacing: float | ArrayLike | None = None) -> VoxelBone:
@@ -742,8 +743,10 @@ def specimen_in(
         np.array_equal(surface, start),
         f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
     )
-    source = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
-    return Specimen(bone, surface, direction, source, provenance)
+    return Specimen(
+        bone, surface, direction, f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}",
+        provenance,
+    )  # fmt: skip
 
 
 def _place(low: Array, high: Array, entry: Array) -> str:
@@ -832,14 +835,13 @@ class LabelVolume(OnGrid):
         ValueError
             If no voxel of the volume has its centre in the labels.
         """
-        start = self.bone_point(volume.origin - self.origin)
         # Columns: one voxel of the volume along the axes of the labels [mm].
         steps = (self.direction.T @ volume.direction) * volume.spacing
         z, y, x = (np.arange(n) for n in volume.shape)
         spacing, sizes = (np.reshape(along, (3, 1, 1)) for along in (self.spacing, self.shape[::-1]))
         resampled, covered = np.zeros(volume.shape, self.labels.dtype), 0
         # Along each axis of the labels, for a plane of voxels at a time: no large arrays of indices.
-        across = start[:, None] + steps[:, 0, None] * x
+        across = self.bone_point(volume.origin - self.origin)[:, None] + steps[:, 0, None] * x
         for k in z:
             along = across[:, None] + (steps[:, 1, None] * y)[:, :, None] + (steps[:, 2] * k)[:, None, None]
             places = np.ceil(along / spacing - 0.5 - 1e-9).astype(np.int64)

@@ -71,8 +71,9 @@ def content_digest(target: Path) -> str:
         if holds_dicom(target)
         else sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
     )
-    contents = (path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices)
-    return hashlib.sha256(b"".join(contents)).hexdigest()
+    return hashlib.sha256(b"".join(
+        path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices
+    )).hexdigest()  # fmt: skip
 
 
 def sidecar(target: Path, digest: str) -> Path:
@@ -397,8 +398,9 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
         else:
             channels = image[..., None] if image.ndim == 2 else image
             channels[..., :3] = new[k].transpose(turn)[..., None]
-        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
-        picture.save(written, format="PNG", compress_level=3)
+        Image.fromarray(image[..., :3] if slices.kind == "RGB" else image).save(
+            written, format="PNG", compress_level=3
+        )
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml
@@ -596,15 +598,13 @@ def save_drilled(
     slices = check_drilled(target, like, mapping)
     check_same_geometry(grid_of_bone(bone, like), like)
     check_original(bone, like)
-    description = {
-        "kind": KIND,
-        "source": like.path,
-        "map": None if mapping is None else mapping.text,
-        "transpose": ROWS_ALONG_X in like.notes,
-    }
+    original = like
 
     def beside(where: Path, digest: str) -> None:
-        save_bone(where, bone, tick, source=json.dumps({**description, "sha256": digest}))
+        save_bone(where, bone, tick, source=json.dumps({
+            "kind": KIND, "source": original.path, "map": None if mapping is None else mapping.text,
+            "transpose": ROWS_ALONG_X in original.notes, "sha256": digest,
+        }))  # fmt: skip
 
     if slices is not None or is_series(target, like):
         changed = changes(bone, like, mapping)
@@ -612,12 +612,12 @@ def save_drilled(
             if slices is None and not is_whole(like):
                 write_slices(part, _grey(like, changed.empty, changed))
             else:
-                written_slices = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
-                for name, content in written_slices:
+                for name, content in (
+                    _derived(like, changed) if slices is None else _drawn(slices, like, changed)
+                ):
                     write_synced(part / name, content)
             beside(part / IN_FOLDER, content_digest(part))
         return
-    original = like
 
     def planes(part: slice) -> NDArray[Any]:  # no copy of a large volume
         return changed_values(original, changes(bone, original, mapping, part), part)
@@ -659,8 +659,7 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     target = Path(path)
     refuse(not target.exists(), f"{target}: no such file or folder", FileNotFoundError)
     beside, description = own_sidecar(target)
-    bone, tick = load_bone(beside)
-    mapping = None if description.get("map") is None else OccupancyMap.parse(str(description["map"]))
     return DrilledVolume(
-        bone, tick, mapping, str(description.get("source", "")), os.fspath(path), bool(description.get("transpose"))
+        *load_bone(beside), None if description.get("map") is None else OccupancyMap.parse(str(description["map"])),
+        str(description.get("source", "")), os.fspath(path), bool(description.get("transpose")),
     )  # fmt: skip

@@ -23,10 +23,8 @@ class Materials(Mapping[str, Material]):
         return self._named[name]
 
     def __getattr__(self, name: str) -> Any:
-        known = name in vars(self).get("_named", ())
-        raise AttributeError(
-            f"materials has no attribute {name!r}{f': materials[{name!r}]' if known else ''}"
-        )
+        hint = f": materials[{name!r}]" if name in vars(self).get("_named", ()) else ""
+        raise AttributeError(f"materials has no attribute {name!r}{hint}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._named)
@@ -35,12 +33,10 @@ class Materials(Mapping[str, Material]):
         return len(self._named)
 
     def __repr__(self) -> str:
-        rows = (
-            f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()
-        )
-        return "\n".join(
-            [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source", *rows]
-        )
+        return "\n".join([
+            f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source",
+            *(f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()),
+        ])  # fmt: skip
 
 
 def constants_of(material: Material) -> dict[str, Any]:
@@ -55,9 +51,10 @@ def constants_of(material: Material) -> dict[str, Any]:
 
 def material_of(constants: Mapping[str, Any], name: str, source: str = "") -> Material:
     """The material of `constants_of`; KeyError, TypeError or ValueError if they make none."""
-    c_e, alpha, shape = (constants[key] for key in ("c_e_N_per_mm2", "alpha_per_ms", "shape"))
-    law = {exponent: constants[exponent] for exponent in PAPER_LAW if exponent in constants}
-    return Material(name, c_e=c_e, alpha=alpha, shape=shape, source=source, **law)
+    return Material(
+        name, c_e=constants["c_e_N_per_mm2"], alpha=constants["alpha_per_ms"], shape=constants["shape"], source=source,
+        **{exponent: constants[exponent] for exponent in PAPER_LAW if exponent in constants},
+    )  # fmt: skip
 
 
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:

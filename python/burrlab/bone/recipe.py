@@ -111,8 +111,9 @@ class BoneRecipe(ABC):
 
     def at(self, path: str | os.PathLike[str]) -> Self:
         """The same recipe with another path of its volume, if it has one."""
-        parts = {name: part.at(path) for name, part in vars(self).items() if isinstance(part, BoneRecipe)}
-        return cast(Self, replace(cast(Any, self), **parts))
+        return cast(Self, replace(cast(Any, self), **{
+            name: part.at(path) for name, part in vars(self).items() if isinstance(part, BoneRecipe)
+        }))  # fmt: skip
 
     @abstractmethod
     def bone(self) -> VoxelBone:
@@ -176,8 +177,7 @@ def _volume_files(path: str) -> list[str]:
     if is_stack(path):
         return stack_files(path)
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
-        pattern = "*" if holds_dicom(path) else "**/*"
-        return sorted(str(part) for part in Path(path).glob(pattern) if part.is_file())
+        return sorted(filter(os.path.isfile, map(str, Path(path).glob("*" if holds_dicom(path) else "**/*"))))
     read_header = header_reader(path)
     if read_header is None or is_dicom(path):
         return [path]
@@ -217,16 +217,20 @@ class _CachedRecipe(_FileRecipe):
             return None
         # The entry's checksum is right, and the same code wrote it: it holds what `_keep` puts there.
         header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
-        table = tissues_from_json(header["tissues"]) if header["tissues"] else None
-        return unpack_bone(header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1])
+        return unpack_bone(
+            header["shape"], header["spacing"], header["origin"], packed[0],
+            tissues_from_json(header["tissues"]) if header["tissues"] else None, packed[1],
+        )  # fmt: skip
 
     def grid(self) -> OnGrid:
         """Geometry of the volume; beside a kept bone its voxels are 0."""
         if self._kept is None:
             return self._on()
         header = self._kept.header
-        values, notes = np.broadcast_to(np.uint8(0), header["shape"]), tuple(header["notes"])
-        return Volume(values, header["spacing"], header["origin"], header["direction"], header["path"], notes)
+        return Volume(
+            np.broadcast_to(np.uint8(0), header["shape"]), header["spacing"], header["origin"], header["direction"],
+            header["path"], tuple(header["notes"]),
+        )  # fmt: skip
 
     def _keep(self, bone: VoxelBone, notes: Sequence[str], least: int) -> None:
         """Keeps a new bone of at least so many voxels, with the geometry of its volume."""
@@ -656,8 +660,11 @@ def labels_of(
     Errors as `read_labels` and `read_stack`.
     """
     if not is_stack(os.fspath(path)):
-        options = {"unknown": unknown != "refuse", "transpose": transpose, "unit": unit is not None}
-        for name, chosen in options.items():
+        for name, chosen in (
+            ("unknown", unknown != "refuse"),
+            ("transpose", transpose),
+            ("unit", unit is not None),
+        ):
             refuse(chosen, f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
     labels = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
@@ -700,8 +707,10 @@ class DrilledRecipe(_FileRecipe):
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
-        transpose = {"transpose": self._drilled.transpose} if is_stack(self.path) else {}
-        return {"kind": self._KIND, "path": self.path, "digest": self._drilled.bone.digest(), **transpose}
+        return {
+            "kind": self._KIND, "path": self.path, "digest": self._drilled.bone.digest(),
+            **({"transpose": self._drilled.transpose} if is_stack(self.path) else {}),
+        }  # fmt: skip
 
     @cached_property
     def _drilled(self) -> DrilledVolume:
@@ -754,13 +763,14 @@ class DrilledRecipe(_FileRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        provenance = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
         grid: Volume | LabelVolume = (
             Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
             if holds_bone(self.path)
             else self.like()
         )
-        return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
+        return specimen_in(grid, bone, entry, axis, {
+            "path": self.path, "recipe": self.plain(), "notes": list(self.notes()),
+        }, f"after {self.tick} ticks")  # fmt: skip
 
     def _voxel(self) -> ArrayLike:
         return self._drilled.bone.spacing

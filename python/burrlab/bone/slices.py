@@ -27,6 +27,7 @@ from burrlab.bone.specimen import checked_spacing
 from burrlab.bone.tissues import EMPTY, VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
 from burrlab.common.progress import doing
+from burrlab.common.records import UNREADABLE
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
@@ -105,8 +106,10 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         if path.is_file() and path.name.startswith(prefix or "") and not path.name.startswith(".")
         if path.suffix.lower() == ".png" or not in_folder
     ]
-    named = "" if prefix is None else f" that begin with {prefix!r}"
-    refuse(not pictures, f"{text}: there are no PNG slices{named}")
+    refuse(
+        not pictures,
+        f"{text}: there are no PNG slices{'' if prefix is None else f' that begin with {prefix!r}'}",
+    )
     # a description counts from 0
     return SliceFiles(_in_order(text, pictures, latest=int(prefix is None) if in_folder else None))
 
@@ -190,9 +193,8 @@ def _header(path: Path) -> tuple[int, int, int, str]:
         kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS),
         f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})",
     )
-    name, channels = _KINDS[kind]
-    check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
-    return columns, rows, bits, name
+    check_packed(rows * (1 + columns * bits * _KINDS[kind][1] // 8), path.stat().st_size, str(path))
+    return columns, rows, bits, _KINDS[kind][0]
 
 
 #: The first of two structures here gets a voxel that both claim (ours). The facial nerve is first. Thin
@@ -394,8 +396,8 @@ class Palette:
         kinds, first, inverse, counts = np.unique(
             codes[strange], return_index=True, return_inverse=True, return_counts=True
         )
-        where = np.flatnonzero(strange)
-        for code, place, count in zip(kinds.tolist(), where[first].tolist(), counts.tolist(), strict=True):
+        places = np.flatnonzero(strange)[first].tolist()
+        for code, place, count in zip(kinds.tolist(), places, counts.tolist(), strict=True):
             self._first.setdefault(code, (path.name, *divmod(place, strange.shape[1])))
             self._strange[code] += count
         if self.unknown != "nearest":
@@ -556,8 +558,11 @@ def _content(name: str) -> Any:
     class BoundedLoader(yaml.SafeLoader):  # type: ignore[name-defined, misc]
         def flatten_mapping(self, node: Any) -> None:
             super().flatten_mapping(node)
-            if len(node.value) > _LONGEST:
-                raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
+            refuse(
+                len(node.value) > _LONGEST,
+                f"a mapping must have at most {_LONGEST} keys, merged ones included",
+                yaml.YAMLError,
+            )
 
         def compose_mapping_node(self, anchor: Any) -> Any:
             node = super().compose_mapping_node(anchor)
@@ -568,30 +573,21 @@ def _content(name: str) -> Any:
 
     try:
         return BoundedLoader(content).get_single_data()
-    except (
-        yaml.YAMLError,
-        ValueError,
-        RecursionError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        OverflowError,
-    ) as error:
+    except (yaml.YAMLError, *UNREADABLE) as error:
         raise ValueError(f"{name}: not a YAML file: {' '.join(str(error).split())}") from None
 
 
 def _volume_block(name: str, content: Any) -> dict[str, Any]:
-    rows = content.items() if isinstance(content, dict) else ()
-    blocks: dict[Any, dict[str, Any]] = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
+    keys = [key for key in content if str(key).startswith("VOLUME ")] if isinstance(content, dict) else []
     refuse(
-        len(blocks) != 1,
+        len(keys) != 1,
         f"{name}: must have one block 'VOLUME name' that describes a stack, got "
-        f"{', '.join(map(str, blocks))[:200] or 'none'}",
+        f"{', '.join(map(str, keys))[:200] or 'none'}",
     )
-    [(key, block)] = blocks.items()
+    block: dict[str, Any] = content[keys[0]]
     refuse(
         not isinstance(block, dict),
-        f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}",
+        f"{name}: {str(keys[0])[:200]} must have dimensions and images, got {shown(block)}",
     )
     return block
 
@@ -753,7 +749,10 @@ def stack_of(
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
-    if slices.kind == "grey" or (palette is None and all(map(_without_colour, map(pixels, slices.paths)))):
+    # a grey volume written in colours has opaque grey pixels alone
+    if slices.kind == "grey" or (palette is None and all(
+        np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]) for image in map(pixels, slices.paths)
+    )):  # fmt: skip
         refuse(
             palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
         )
@@ -803,11 +802,6 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
     refuse(spacing is None, f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
     refuse(unit is not None, "unit goes with a YAML file: spacing is in mm")
     return None
-
-
-def _without_colour(image: NDArray[Any]) -> bool:
-    """Whether every pixel is opaque and grey, as in a grey volume written in colours."""
-    return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
 def _stacked(

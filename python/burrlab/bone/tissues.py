@@ -455,9 +455,11 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
         mark = _WAITS if t.label in unnamed and t.name != f"structure {t.label}" else ""
         rows.append([t.label, t.name + mark, colour, *values, *flags])
     stream = io.StringIO()
-    material = json.dumps(json.loads(tissues_to_json(tissues))["material"])
-    columns = {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)}
-    table.write(stream, {"material": material}, columns)
+    table.write(
+        stream,
+        {"material": json.dumps(json.loads(tissues_to_json(tissues))["material"])},
+        {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)},
+    )
     return stream.getvalue()
 
 
@@ -687,8 +689,9 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
         f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)",
     )
     bone, colour = tissues.material, _BY_NAME[UNLABELLED].colour
-    background = Tissue(UNLABELLED, label=0, c_e=bone.c_e, alpha=bone.alpha, colour=colour)
-    return Tissues([*tissues, background], bone)
+    return Tissues(
+        [*tissues, Tissue(UNLABELLED, label=0, c_e=bone.c_e, alpha=bone.alpha, colour=colour)], bone
+    )
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:

@@ -125,8 +125,8 @@ def mastoidectomy_path(
             rows += [(place, True) for place in stroke]
     refuse(not rows, f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-    length = np.linalg.norm(np.diff(center, axis=0), axis=1)
     # ScriptedDevice needs increasing times, even where a point comes twice.
+    length = np.linalg.norm(np.diff(center, axis=0), axis=1)
     durations = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
     on[-1] = False
     return BurrPath(np.append(0.0, np.cumsum(durations)), center * [plan.sign, 1.0, 1.0], on, layers)
@@ -152,13 +152,13 @@ class _Plan:
         pad = math.ceil(2.0 * radius / self.spacing[0]) + 2
         target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
         self.origin[0] -= pad * self.spacing[0]
-        above = ~np.logical_or.accumulate(target | bone, axis=2)
 
         def distance(mask: Mask) -> Floats:
             return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=self.spacing[::-1]))
 
         # (z, y, x) of the centre: distance of the burr's surface to what must not be cut [mm]
-        self.room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
+        free = target | ~np.logical_or.accumulate(target | bone, axis=2)  # in the cavity, or above the bone
+        self.room = distance(np.pad(free, 1))[1:-1, 1:-1, 1:-1] - radius
         # where the centre may be and the burr reaches planned bone
         self.cuts = (distance(~(target & bone)) < radius) & (self.room > 0)
         edge = self.origin[0] + self.spacing[0] * np.flatnonzero(target.any(axis=(0, 1)))

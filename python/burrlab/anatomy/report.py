@@ -187,8 +187,10 @@ class AnatomyReport(AsDict):
     @property
     def removed(self) -> dict[str, float]:
         """Volume removed of each tissue in the session [mm^3]."""
-        volumes = (self.watched.removed * (self.voxel_volume / 255.0)).tolist()
-        return dict(zip(self.tissues, volumes, strict=True))
+        return {
+            name: float(levels * (self.voxel_volume / 255.0))
+            for name, levels in zip(self.tissues, self.watched.removed, strict=True)
+        }
 
     @property
     def touched(self) -> dict[str, float]:
@@ -239,9 +241,8 @@ class AnatomyReport(AsDict):
     def _shown(self) -> tuple[list[Dose], str]:
         """Doses beside the structures that burrs came nearest to, and a sentence on the others."""
         nearest = sorted(self.structures, key=self.closest.__getitem__)
-        doses = [dose for dose in self.doses if dose.structure in nearest[:SHOWN]]
-        left_out = len(nearest[SHOWN:])
-        return doses, f"{left_out} structures farther away are left out" if left_out else ""
+        others = f"{len(nearest[SHOWN:])} structures farther away are left out" if nearest[SHOWN:] else ""
+        return [dose for dose in self.doses if dose.structure in nearest[:SHOWN]], others
 
     def equals(self, other: "AnatomyReport") -> bool:
         """Whether settings, events, doses and removed levels are the same to the bit."""

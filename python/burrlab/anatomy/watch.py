@@ -229,11 +229,13 @@ class Watch:
 
     def core(self, radii: Sequence[float]) -> AnatomyWatch:
         """A new watch of the core for burrs of these radii [mm]. ValueError if limits are out of order."""
-        rows = [
-            (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
-            for distance, limit in zip(self._distances, self.limits, strict=True)
-        ]
-        return AnatomyWatch(rows, [float(radius) for radius in radii])
+        return AnatomyWatch(
+            [
+                (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
+                for distance, limit in zip(self._distances, self.limits, strict=True)
+            ],
+            [float(radius) for radius in radii],
+        )
 
     def distance(self, centers: ArrayLike, structure: str, *, radius: float = 0.0) -> NDArray[np.float64]:
         """Distance of the surface of a sphere to a structure, as in events.

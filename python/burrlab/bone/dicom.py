@@ -181,8 +181,9 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
     }  # fmt: skip
     slices = {path for path in paths if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom")}
     refuse(not slices, f"{os.fspath(folder)}: the folder holds no DICOM files")
-    others = [path.name for path in sorted(paths - slices)]
-    return list(map(str, sorted(slices))), [n for n in others if not n.startswith(".") and n != IN_FOLDER]
+    return list(map(str, sorted(slices))), [
+        path.name for path in sorted(paths - slices) if not path.name.startswith(".") and path.name != IN_FOLDER
+    ]  # fmt: skip
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:

@@ -205,8 +205,9 @@ def _read_file(name: str, spacing: float | ArrayLike | None, most: int) -> tuple
     settled_spacing(header, spacing, name)
     if header.layers > most:
         three_sizes([header.layers, *header.shape[::-1]], name)
-    shape = (*header.shape, header.layers) if header.layers > 1 else header.shape
-    return header, _read_values(layout, shape, name)
+    return header, _read_values(
+        layout, (*header.shape, header.layers) if header.layers > 1 else header.shape, name
+    )
 
 
 def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]:
@@ -312,9 +313,8 @@ def write_volume(
     >>> folder.cleanup()
     """
     target = Path(path)
-    fields: Mapping[str, str] = {}
-    if keeps_labels(target.name) and isinstance(volume, LabelVolume):
-        fields = segment_fields(volume.labels, volume.names, volume.colours)
+    labels = volume if keeps_labels(target.name) and isinstance(volume, LabelVolume) else None
+    fields = {} if labels is None else segment_fields(labels.labels, labels.names, labels.colours)
     with new_volume(target, volume, fields, compress=compress):
         pass
 

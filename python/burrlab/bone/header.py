@@ -23,9 +23,8 @@ from burrlab.bone.specimen import checked_spacing
 from burrlab.common.check import extra, refuse, shown
 
 Choice = TypeVar("Choice")
-Place = tuple[
-    Array, Array, Array, tuple[str, ...]
-]  #: Spacing, origin, direction, and notes on what is assumed.
+#: Spacing, origin, direction, and notes on what is assumed.
+Place = tuple[Array, Array, Array, tuple[str, ...]]
 
 #: Words in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
@@ -379,7 +378,7 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
 
 
 def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Storage:
-    def chosen(choices: Mapping[str, str], field: str, rule: str) -> str:
+    def chosen(choices: Mapping[str, Choice], field: str, rule: str) -> Choice:
         return _chosen(
             choices, fields.get(field, "").lower(), f"{name}: {field} of the NRRD file must be {rule}"
         )
@@ -387,7 +386,7 @@ def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Storage:
     encoding = chosen(_NRRD_ENCODINGS, "encoding", "raw, gzip, text or hex")
     kind = np.dtype(chosen(_NRRD_KINDS, "type", "one of whole or real numbers"))
     if encoding != "text" and kind.itemsize > 1:
-        kind = kind.newbyteorder(chosen({"little": "<", "big": ">"}, "endian", "little or big"))  # type: ignore[arg-type]
+        kind = kind.newbyteorder(chosen({"little": "<", "big": ">"}, "endian", "little or big"))
     lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
     refuse(
         skip < 0 and encoding != "raw",
@@ -470,13 +469,12 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)
-    direction = matrix.reshape(n, n)[:3, :3].T  # its rows are the voxel axes
     custom_fields = {
         key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
     }
-    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields), _meta_layout(
-        fields, end, name
-    )
+    # the rows of the matrix are the voxel axes
+    place = spacing, scale * origin[:3], matrix.reshape(n, n)[:3, :3].T, tuple(notes)
+    return Header(shape, *place, custom_fields), _meta_layout(fields, end, name)
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:

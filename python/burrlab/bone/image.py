@@ -530,8 +530,9 @@ class OccupancyMap:
     @property
     def text(self) -> str:
         """The map as text that `parse` reads."""
-        table = zip(self.greys, self.occupancies, strict=True)
-        pairs = [self.greys] if self.occupancies == (0.0, 1.0) else table
+        pairs = (
+            [self.greys] if self.occupancies == (0.0, 1.0) else zip(self.greys, self.occupancies, strict=True)
+        )
         # The shortest texts that read back as the same numbers.
         return ",".join(":".join(repr(number).removesuffix(".0") for number in pair) for pair in pairs)
 

@@ -373,12 +373,15 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
             voxels = np.rint(voxels).astype(np.int64)
             like = replace(like, values=voxels)
     least, most = min(float(voxels.min()), math.floor(empty or 0.0)), float(voxels.max())
-    fits = [
-        kind for kind in map(np.dtype, KINDS) if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
-    ]
-    kind = fits[0] if fits and voxels.dtype.kind in "iu" else voxels.dtype
+    fits = (
+        kind
+        for kind in map(np.dtype, KINDS if voxels.dtype.kind in "iu" else ())
+        if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
+    )
     voxels = voxels if changed is None else changed_values(like, changed)
-    return Volume(voxels.astype(kind), like.spacing, like.origin, like.direction, like.path)
+    return Volume(
+        voxels.astype(next(fits, like.voxels.dtype)), like.spacing, like.origin, like.direction, like.path
+    )
 
 
 def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
@@ -520,8 +523,7 @@ class DrilledVolume:
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
                 transpose=self.transpose,
             )  # fmt: skip
-        read = read_labels if self.mapping is None else read_volume
-        return read(self.path, spacing=self.bone.spacing)
+        return (read_labels if self.mapping is None else read_volume)(self.path, spacing=self.bone.spacing)
 
 
 @doing("writing a half-drilled volume")

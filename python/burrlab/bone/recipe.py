@@ -121,22 +121,18 @@ class BoneRecipe(ABC):
 
 
 class _FileRecipe(BoneRecipe):
-    """A recipe whose bone comes from files; its first field names the main file."""
+    """A recipe whose bone comes from files, from one at its `path` if it has no other name."""
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, without fields that are not given."""
         plain = super().plain()
-        if not (plain.get("transpose", True) or is_stack(getattr(self, self._file))):
+        if not (plain.get("transpose", True) or is_stack(plain.get("path", plain.get("labels")))):
             del plain["transpose"]
         return plain
 
-    @property
-    def _file(self) -> str:
-        return fields(cast(Any, self))[0].name
-
     def at(self, path: str | os.PathLike[str]) -> Self:
         """The same recipe with another path of its main file."""
-        return cast(Self, replace(cast(Any, self), **{self._file: os.fspath(path)}))
+        return cast(Self, replace(cast(Any, self), path=os.fspath(path)))
 
     @abstractmethod
     def grid(self) -> OnGrid:
@@ -181,8 +177,11 @@ def _volume_files(path: str) -> list[str]:
     read_header = header_reader(path)
     if read_header is None or is_dicom(path):
         return [path]
-    pair = [path[:-4] + ".hdr"] if path.lower().endswith(".img") else []
-    return [path, *pair, *map(str, read_header(path)[1].files)]
+    return [
+        path,
+        *([path[:-4] + ".hdr"] if path.lower().endswith(".img") else []),
+        *map(str, read_header(path)[1].files),
+    ]
 
 
 @cache
@@ -199,8 +198,12 @@ class _CachedRecipe(_FileRecipe):
     """A recipe whose bone is kept for the next start if it is large; docs/volumes.md says where."""
 
     @abstractmethod
-    def _on(self) -> OnGrid:
+    def _on(self) -> Volume | LabelVolume:
         """The volume itself."""
+
+    def like(self) -> Volume | LabelVolume:
+        """The grey volume, or labels alone, on the voxels of the bone, for `save_drilled`."""
+        return self._on().resample(self._voxel())
 
     @property
     @abstractmethod
@@ -261,8 +264,8 @@ def _mapping_of(points: Any) -> OccupancyMap:
 
 
 def _points_of(mapping: OccupancyMap) -> list[Any]:
-    table = zip(mapping.greys, mapping.occupancies, strict=True)
-    return list(mapping.greys) if mapping.occupancies == (0.0, 1.0) else list(map(list, table))
+    pairs = [list(pair) for pair in zip(mapping.greys, mapping.occupancies, strict=True)]
+    return list(mapping.greys) if mapping.occupancies == (0.0, 1.0) else pairs
 
 
 @dataclass(frozen=True)
@@ -356,10 +359,6 @@ class VolumeRecipe(_CachedRecipe):
             bone = self.volume().to_bone(self.mapping, spacing=self.voxel)
             self._keep(bone, self.volume().notes, WORTH)
         return bone
-
-    def like(self) -> Volume:
-        """The volume on the voxels of the bone, for `save_drilled`."""
-        return self.volume() if self.voxel is None else self.volume().resample(self.voxel)
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
@@ -547,7 +546,7 @@ class LabelledRecipe(_CachedRecipe):
         Labels beside that volume are taken if they have the name of the recipe's.
         """
         if self.grey is None:
-            return super().at(path)
+            return replace(self, labels=os.fspath(path))
         beside = Path(path).parent / Path(self.labels).name
         return replace(self, grey=self.grey.at(path), labels=str(beside) if beside.exists() else self.labels)
 
@@ -564,12 +563,6 @@ class LabelledRecipe(_CachedRecipe):
         """Map of the grey values; None for labels alone."""
         return None if self.grey is None else self.grey.mapping
 
-    def like(self) -> Volume | LabelVolume:
-        """The grey volume, or labels alone, on the voxels of the bone, for `save_drilled`."""
-        if self.grey is not None:
-            return self.grey.like()
-        return self._labels if self.voxel is None else self._labels.resample(self.voxel)
-
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         grid = self.grid()
@@ -584,7 +577,7 @@ class LabelledRecipe(_CachedRecipe):
         spacing = self.voxel if self.grey is None else self.grey.voxel
         return self.grid().spacing if spacing is None else spacing
 
-    def _on(self) -> OnGrid:
+    def _on(self) -> Volume | LabelVolume:
         return self._labels if self.grey is None else self.grey.volume()
 
     @cached_property

@@ -118,8 +118,11 @@ def stack_files(path: str) -> list[str]:
     """All files that a stack is read from."""
     if Path(path).suffix.lower() in _DESCRIPTIONS:
         return [path, *stack_files(str(read_description(path, unit=1.0).folder))]
-    parts = Path(path).iterdir() if Path(path).is_dir() else map(Path, glob.glob(path))
-    return sorted(str(part) for part in parts if part.suffix.lower() == ".png")
+    return sorted(
+        str(part)
+        for part in (Path(path).iterdir() if Path(path).is_dir() else map(Path, glob.glob(path)))
+        if part.suffix.lower() == ".png"
+    )
 
 
 def pixels(path: Path) -> NDArray[Any]:
@@ -761,8 +764,9 @@ def stack_of(
         return Volume(values, notes=tuple(notes), **grid)
     colours = Palette(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
-    planes = (colours.labels(pixels(file), file) for file in slices.paths)
-    labels = _stacked(name, planes, shape, colours.dtype, turned)
+    labels = _stacked(
+        name, (colours.labels(pixels(file), file) for file in slices.paths), shape, colours.dtype, turned
+    )
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
         colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()

@@ -504,8 +504,10 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 def label_scatter(ratio: float, smooth: bool = False) -> str:
     """`LABEL_SCATTER` in words, interpolated between its rows; outside them, of the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
-    columns = zip(*(row[smooth] for row in LABEL_SCATTER.values()), strict=True)
-    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in columns)
+    least, most = (
+        np.interp(ratio, list(LABEL_SCATTER), column)
+        for column in zip(*(row[smooth] for row in LABEL_SCATTER.values()), strict=True)
+    )
     return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
 
 

@@ -227,8 +227,7 @@ def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
 
 def unit_draws(seed: int, stream: int, counter: list[int], count: int) -> Floats:
     """Draws in (0, 1) that depend on the two words of the key and the four of the counter alone."""
-    generator = np.random.Philox(
+    raw = np.random.Philox(
         key=np.array([seed, stream], np.uint64), counter=np.array(counter, np.uint64)
-    )
-    raw = generator.random_raw(count)
+    ).random_raw(count)
     return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)

@@ -630,7 +630,6 @@ def save_drilled(
         for k in range(0, len(new), SLAB):
             new[k : k + SLAB] = planes(slice(k, k + SLAB))
         like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
-    check_folder(target)
     with locked(target.parent):  # another process may write the same pair
         with new_volume(target, like, kept_fields(target, like), planes=planes) as part:
             digest = content_digest(part)

@@ -1,7 +1,6 @@
 """Recipes of a bone from a block, a volume, labels or a half-drilled file, in memory and as JSON."""
 
 import contextlib
-import hashlib
 import math
 import os
 import re
@@ -38,6 +37,7 @@ from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import CachedParts, Entry
 from burrlab.common.check import nearest, refuse, require_type, scalar, shown
+from burrlab.common.files import hash_of
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.theory.tool import law_of
@@ -126,7 +126,7 @@ class _FileRecipe(BoneRecipe):
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, without fields that are not given."""
         plain = super().plain()
-        if not (plain.get("transpose", True) or is_stack(plain.get("path", plain.get("labels")))):
+        if not (plain.get("transpose", True) or is_stack(plain.get("path") or plain["labels"])):
             del plain["transpose"]
         return plain
 
@@ -185,13 +185,10 @@ def _volume_files(path: str) -> list[str]:
 
 
 @cache
-def _code() -> tuple[str, str]:
-    """Version of burrlab, and a digest of the code that reads volumes and makes bones."""
-    digest = hashlib.sha256()
-    for path in [*sorted(Path(__file__).parent.glob("*.py")), Path(_core.__file__)]:
-        with contextlib.suppress(OSError):
-            digest.update(path.read_bytes())
-    return _core.__version__, digest.hexdigest()
+def _code() -> list[str]:
+    """Version of burrlab, and digests of the code that reads volumes and makes bones."""
+    files = [*sorted(Path(__file__).parent.glob("*.py")), Path(_core.__file__)]
+    return [_core.__version__, *map(hash_of, files)]
 
 
 class _CachedRecipe(_FileRecipe):

@@ -299,7 +299,7 @@ def test_seeds(ridge):
 
 def test_progress_rises_to_the_end(ridge):
     for work in (
-        partial(design, ridge, [0.4, 2.0], 3.0, 3, static=[0.2]), partial(ridge.bootstrap, 30),
+        partial(design, ridge, [0.4, 2.0], 3.0, 3, static=[0.2]), partial(ridge.bootstrap, 10),
         partial(compare_laws, ON_RIDGE, laws=["paper"]),
     ):  # fmt: skip
         told = []

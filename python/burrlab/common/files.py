@@ -111,8 +111,7 @@ def new_file(path: str | os.PathLike[str], ending: str = "") -> Iterator[Path]:
     with new_part(target, ending) as part:
         try:
             yield part
-            with part.open("rb") as file:
-                os.fsync(file.fileno())
+            sync(part)
             if target.exists():
                 shutil.copymode(target, part)
             part.replace(target)
@@ -158,10 +157,8 @@ def hash_of(path: str | os.PathLike[str]) -> str:
 
 def write_synced(path: Path, content: bytes) -> None:
     """Writes a file and waits until it is on disk."""
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    path.write_bytes(content)
+    sync(path)
 
 
 _PATIENCE = 30.0  # longest wait for libhdf5 in a file without checksums, on a busy machine [s]
@@ -336,9 +333,9 @@ def synced_write(file: int, path: Path, text: bytes) -> None:
         raise
 
 
-def sync_folder(folder: Path) -> None:
-    """Puts the names in a folder on disk: new files survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
+def sync(path: Path) -> None:
+    """Puts a file, or the names in a folder, on disk: they survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:

@@ -15,7 +15,7 @@ from typing import Any, Self
 import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import amend_error, content_of, refuse
-from burrlab.common.files import lock, sync_folder, synced_write, write_text
+from burrlab.common.files import lock, sync, synced_write, write_text
 from burrlab.common.records import in_one_line
 from burrlab.psychophysics.designs import PARAMETER_KEYS, Order
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
@@ -569,7 +569,7 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         synced_write(file, path, table.line(side_car.columns))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         write_text(side_car_path(path), text)
-        sync_folder(path.parent)
+        sync(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task))
 
     def elapsed(self) -> float:

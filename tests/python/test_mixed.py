@@ -195,7 +195,10 @@ class TestOffsets:
         assert fit.intervals["c_e"]["95"].lower < fit.observations.c_e_bounds().max()
         assert fit.verdict.startswith("c_e and alpha are separately identified")
 
-    @pytest.mark.parametrize(("offset", "deviation"), [("force", 0.02), ("surface", 0.05), ("radius", 0.06)])
+    @pytest.mark.parametrize(
+        ("offset", "deviation"),
+        [("force", 0.02), ("surface", 0.05), pytest.param("radius", 0.06, marks=pytest.mark.slow)],
+    )
     def test_likelihood_is_that_of_an_average_over_the_offset(self, offset, deviation):
         """-2 log L rises as the average of the plain one over 100 values of the offset does, within 10 %."""
         curve, _ = off(2, **{offset: deviation})

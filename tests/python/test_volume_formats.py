@@ -337,6 +337,8 @@ def test_wrong_headers(tmp_path, head, message):
          "encoding of the NRRD file must be raw, gzip, text or hex, got 'bzip2'"),
         (b"encoding: raw", b"encoding: gzip\nbyte skip: -1",
          "byte skip of -1 goes with raw values, got encoding gzip"),
+        (b"encoding: raw", b"encoding: raw\nline skip: 99999999999",
+         "the file is cut short: 0 bytes of values, of 120"),
         (b"\n\n" + a_volume().values.tobytes(), b"\n",
          "the values must follow the NRRD header in the same file"),
         (b"= MET_SHORT", b"= MET_STRING",

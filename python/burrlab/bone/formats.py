@@ -236,7 +236,7 @@ def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
     refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:
         file.seek(at.start)
-        for _ in range(at.lines):
+        for _ in range(min(at.lines, path.stat().st_size)):
             while (part := file.readline(1 << 20)) and not part.endswith(b"\n"):
                 pass
         begin = file.tell()

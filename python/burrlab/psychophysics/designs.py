@@ -168,12 +168,12 @@ class TaskDesign(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """The whole design, for JSON and `design_of_dict`."""
-        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
         return {
             "design": self._kind,
             **{
                 key_of(name): _plain(getattr(self, name))
-                for name in (*names, *self._derived)
+                # all designs are dataclasses
+                for name in (*(x.name for x in fields(self)), *self._derived)  # type: ignore[arg-type]
                 if name not in self._since or getattr(self, name) != self._since[name]
             },
         }
@@ -184,21 +184,18 @@ class Order(ABC):
 
     Attributes
     ----------
+    total : int
+        Trials in all, practice included; for a staircase, the maximum.
     answered : list of (Trial, str)
         Answered trials with their responses, in order.
     lost : set of int
         Places in `answered` of those that do not count.
     """
 
-    def __init__(self, answers: tuple[str, ...]) -> None:
+    def __init__(self, answers: tuple[str, ...], total: int) -> None:
+        self.total, self._answers = total, answers
         self.answered: list[tuple[Trial, str]] = []
         self.lost: set[int] = set()
-        self._answers = answers
-
-    @property
-    @abstractmethod
-    def total(self) -> int:
-        """Trials in all, practice included; for a staircase, the maximum."""
 
     @abstractmethod
     def next(self) -> Trial | None:
@@ -363,16 +360,11 @@ class FixedOrder(Order):
     """
 
     def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
-        super().__init__(answers)
+        super().__init__(answers, len(trials))
         self.trials = tuple(trials)
 
-    @property
-    def total(self) -> int:
-        return len(self.trials)
-
     def next(self) -> Trial | None:
-        done = len(self.answered)
-        return self.trials[done] if done < len(self.trials) else None
+        return next(iter(self.trials[len(self.answered) :]), None)
 
 
 def _check_common(design: Any) -> None:
@@ -391,12 +383,14 @@ class FixedDesign(TaskDesign):
     _trial: Callable[..., Trial]
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        draws = Draws(seed, subject, self.to_dict())
-        first = enumerate(draws.balanced(self._types, self.practice)[0], 1)
-        trials = [self._trial(draws, kind, number, "practice", 0) for number, kind in first]
-        blocks = enumerate(draws.balanced(self._types, self.trials, self.blocks), 1)
-        main = enumerate(((block, kind) for block, kinds in blocks for kind in kinds), 1)
-        trials += [self._trial(draws, kind, number, "main", block) for number, (block, kind) in main]
+        draws, trials = Draws(seed, subject, self.to_dict()), list[Trial]()
+        for phase, count, blocks, first in (
+            ("practice", self.practice, 1, 0),
+            ("main", self.trials, self.blocks, 1),
+        ):
+            by_block = enumerate(draws.balanced(self._types, count, blocks), first)
+            planned = enumerate(((kind, block) for block, kinds in by_block for kind in kinds), 1)
+            trials += [self._trial(draws, kind, number, phase, block) for number, (kind, block) in planned]
         return FixedOrder(trials, self.answers)
 
 
@@ -540,8 +534,7 @@ class ComparisonDesign(TaskDesign):
             self.hold == "sinking speed" and self.mode == "probing",
             "hold must be 'other' for mode 'probing', got 'sinking speed': nothing sinks with the burr off",
         )
-        for name in ("c_e", "alpha"):
-            refuse(getattr(self._material, name) == 0.0, f"reference must have {name} above 0, got 0")
+        refuse(self._material.alpha == 0.0, "reference must have alpha above 0, got 0")
         asked = "did the burr sink faster" if self._asks_speed else "was the material stiffer"
         one_of("foil", self.foil, ("either", "middle"))
         refuse(self.boundary is None and self.foil != "either", "foil goes with boundary")
@@ -624,15 +617,17 @@ class ComparisonDesign(TaskDesign):
             c_e, alpha = (
                 getattr(self._material, name) * factor**x for name, x in zip(UNITS, along, strict=True)
             )
-            source = f"times {factor:.17g}**{along} in c_e and alpha"
-            moved = self._moved(f"{where}x{factor:.6g}", c_e, alpha, source)
+            moved = self._moved(
+                f"{where}x{factor:.6g}", c_e, alpha, f"times {factor:.17g}**{along} in c_e and alpha"
+            )
             yield self if factor == 1.0 else replace(self, reference=moved)
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
         level = checked_level("level", level)
-        source = f"with {self.parameter} times {level:.17g}; {self.held}"
-        return self._moved(f"{self.parameter} x{level:.6g}", *self._constants(level), source)
+        return self._moved(
+            f"{self.parameter} x{level:.6g}", *self._constants(level), f"with {self.parameter} times {level:.17g}; {self.held}"
+        )  # fmt: skip
 
     def _constants(self, level: float) -> tuple[float, float]:
         """c_e and alpha of a level."""
@@ -651,8 +646,9 @@ class ComparisonDesign(TaskDesign):
         (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
         p, mean = self._exponent, math.sqrt(c_e * c_e_below)
         slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
-        where = f"between {self.parameter} x{level:.6g}"
-        return self._moved(where, mean, mean**p / slowness, f"and its level {level:.17g}, between")
+        return self._moved(
+            f"between {self.parameter} x{level:.6g}", mean, mean**p / slowness, f"and its level {level:.17g}, between"
+        )  # fmt: skip
 
     def sinks_faster(self, level: float) -> bool:
         """Whether the burr sinks faster in a level's comparison than in the reference."""
@@ -671,10 +667,11 @@ class ComparisonDesign(TaskDesign):
             plain = self.middle(level) if self.foil == "middle" else (plain, layered)[draws.below(2)]
             layered = Stimulus(f"{self.reference.name} over {comparison.name}", self._material)
         stimuli = {"R": (plain, None), "C": (layered, boundary)}
-        intervals = tuple(
-            Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order
-        )
-        return Trial(number, phase, block, order, intervals, self.answers[order.index(correct)], level)
+        return Trial(
+            number, phase, block, order,
+            tuple(Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order),
+            self.answers[order.index(correct)], level,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -746,12 +743,11 @@ class ABX(Scored):
 
     def __post_init__(self) -> None:
         require_type("reference", self.reference, Stimulus, "Stimulus('real Pettigrew')")
-        if self.match is None:
-            refuse(
-                self.reference.material is None,
-                f"match must be given, as the reference {self.reference.name!r} is a real specimen",
-            )
-            object.__setattr__(self, "match", self.reference)
+        refuse(
+            self.match is None and self.reference.material is None,
+            f"match must be given, as the reference {self.reference.name!r} is a real specimen",
+        )
+        object.__setattr__(self, "match", self.matching)
         rendered("match", self.matching)
         rendered("foil", self.foil)
         refuse(
@@ -772,8 +768,11 @@ class ABX(Scored):
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
         two = [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
         stimuli = ((self.reference, self.reference_interval), *two)
-        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli)
-        return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
+        return Trial(
+            number, phase, block, kind,
+            tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli),
+            self.answers[kind.index("A")],
+        )  # fmt: skip
 
     def power(self, subjects: int = 1) -> str:
         return self._power(
@@ -844,10 +843,11 @@ class SameDifferent(Scored):
         self._check("AA, AB, BA, BB", 4)
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        intervals = tuple(
-            Interval(self.a if x == "A" else self.b, draws.interval_seed(), self.interval) for x in kind
-        )
-        return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
+        return Trial(
+            number, phase, block, kind,
+            tuple(Interval(self.a if x == "A" else self.b, draws.interval_seed(), self.interval) for x in kind),
+            "same" if kind[0] == kind[1] else "different",
+        )  # fmt: skip
 
     def power(self, subjects: int = 1) -> str:
         return self._power(

@@ -88,7 +88,7 @@ class StaircaseOrder(Order):
     """
 
     def __init__(self, design: Staircased, draws: Draws) -> None:
-        super().__init__(design.answers)
+        super().__init__(design.answers, design.practice + design.trials + design.catch)
         self.track = design.track()
         self._design, self._draws = design, draws
         self._kinds = {"practice": self._drawn(design.practice), "main": self._drawn(design.trials)}
@@ -104,10 +104,6 @@ class StaircaseOrder(Order):
         runs = max(1, -(-trials // _RUN))
         drawn = self._draws.balanced((("RC",), ("CR",)), runs * _RUN, runs) if trials else []
         return [kind for run in drawn for kind in run][:trials]
-
-    @property
-    def total(self) -> int:
-        return len(self._phases)
 
     def next(self) -> Trial | None:
         done, design, level = len(self.answered), self._design, self.track.level()
@@ -447,8 +443,10 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         refuse(not levels, "levels must hold at least one, got none")
         refuse(len(set(levels)) < len(levels), f"levels must differ, got {levels}")
         whole("repeats", self.repeats, at_least=2, multiple=2, why=" (RC and CR equally often)")
-        types = [[(kind, level) for level in levels] for kind in ("RC", "CR")]
-        vars(self).update(levels=levels, trials=len(levels) * self.repeats, _types=types)
+        vars(self).update(
+            levels=levels, trials=len(levels) * self.repeats,
+            _types=[[(kind, level) for level in levels] for kind in ("RC", "CR")],
+        )  # fmt: skip
         refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
 
     def extremes(self) -> Sequence[float]:
@@ -462,8 +460,9 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         def estimate(answers: "Answers") -> PosteriorThreshold:
             posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
             for difference in differences:
-                right = sum(answers(difference) for _ in range(self.repeats))
-                posterior.update(difference, right, self.repeats)
+                posterior.update(
+                    difference, sum(answers(difference) for _ in range(self.repeats)), self.repeats
+                )
             return posterior.threshold(1.0, self.trials)
 
         return (
@@ -696,8 +695,9 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
         not isinstance(kind, str) or kind not in DESIGNS,
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
     )
-    parameters = inspect.signature(DESIGNS[kind]).parameters
-    present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
+    present = {
+        name: values[key_of(name)] for name in inspect.signature(DESIGNS[kind]).parameters if key_of(name) in values
+    }  # fmt: skip
     with amend_error(f"design {kind} has a value that is missing or wrong: ", kinds=(KeyError, TypeError)):
         for name, x in present.items():
             if isinstance(x, Mapping):

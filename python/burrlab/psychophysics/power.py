@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from scipy.special import stdtr
 
 from burrlab.common.check import refuse
 from burrlab.common.table import probability_text
@@ -36,8 +35,9 @@ class Observer:
     """An unbiased observer with one d' and lapses, and the distribution of scores."""
 
     def __init__(self, decision: Rule, d_prime: float, trials: int, lapse: float) -> None:
-        rates = decision.rates(d_prime)
-        self.hit, self.false_alarm = ((1.0 - lapse) * float(rate) + 0.5 * lapse for rate in rates)
+        self.hit, self.false_alarm = (
+            (1.0 - lapse) * float(rate) + 0.5 * lapse for rate in decision.rates(d_prime)
+        )
         self.half = trials // 2
         k = np.arange(self.half + 1)
         of_signals, of_noises = (
@@ -52,7 +52,7 @@ class Observer:
         above = np.searchsorted(table / table[-1], drawn, side="right") - self.half
         mean, error = np.mean(above, axis=1), np.std(above, axis=1, ddof=1) / math.sqrt(subjects)
         with np.errstate(divide="ignore", invalid="ignore"):
-            p = stdtr(subjects - 1, -mean / error)
+            p = scipy.special.stdtr(subjects - 1, -mean / error)
         # Equal scores give no t; the sign-flip test then has its least p.
         return float(np.mean(np.where(error > 0.0, p, np.where(mean > 0.0, 0.5**subjects, 1.0)) <= level))
 
@@ -205,8 +205,10 @@ def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> GroupA
     """Simulated experiments of unbiased subjects with d' = 0."""
     observer, rng = Observer(decision, 0.0, trials, lapse), np.random.default_rng(SEED)
     hits = rng.binomial(observer.half, observer.hit, (EXPERIMENTS, subjects))
-    answers = hits + rng.binomial(observer.half, observer.false_alarm, hits.shape)
-    return GroupAnswers(decision, [(observer.half, observer.half)] * subjects, hits, answers)
+    return GroupAnswers(
+        decision, [(observer.half, observer.half)] * subjects, hits,
+        hits + rng.binomial(observer.half, observer.false_alarm, hits.shape),
+    )  # fmt: skip
 
 
 def equivalence_power(simulated: GroupAnswers, delta: float, error: float) -> tuple[float, float]:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from burrlab._core import Burr, Material
@@ -300,15 +299,16 @@ def subjects_of(table: TomlTable) -> tuple[str, ...]:
 
 def _check_labels(table: TomlTable, what: str, labels: list[str]) -> None:
     """Raises ValueError unless the labels can be part of file names on any file system."""
-    seen: dict[str, str] = {}
-    for label in labels:
+    lower = [label.lower() for label in labels]
+    for place, label in enumerate(labels):
         table.refuse(
             not (label.isascii() and label.isalnum()),
             f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}",
         )
-        if (other := seen.get(label.lower())) is not None:
-            raise table.error(f"{what}'s name must be there once, got {shown(other)} and {label!r}")
-        seen[label.lower()] = label
+        first = lower.index(label.lower())
+        table.refuse(
+            first < place, f"{what}'s name must be there once, got {shown(labels[first])} and {label!r}"
+        )
 
 
 def device_of(table: TomlTable, folder: Path) -> str:
@@ -356,8 +356,10 @@ def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
     ):  # fmt: skip
         options[key] = table.get(key, kind, default=None)
         table.refuse(path is None and key in table, f"{key} goes with volume")
-        needed = path is not None and key in ("map", "entry_mm", "axis")
-        table.refuse(needed and key not in table, f"{key} is missing: volume needs it")
+        table.refuse(
+            path is not None and key in ("map", "entry_mm", "axis") and key not in table,
+            f"{key} is missing: volume needs it",
+        )
     if path is None:
         return None
     text, entry, axis, *others = options.values()
@@ -391,7 +393,7 @@ def designs_of(file: TomlTable) -> tuple[Mapping[str, TaskDesign], tuple[tuple[s
                     f"this is task {other} again, trial by trial: give one of them more trials or blocks",
                 )
             tasks[name] = design
-    return MappingProxyType(tasks), tuple(interleaved)
+    return types.MappingProxyType(tasks), tuple(interleaved)
 
 
 def analysis_of(table: TomlTable) -> AnalysisSettings:
@@ -711,8 +713,10 @@ class Protocol:
             If the file cannot be written.
         """
         order = self.order(subject, task)
-        car = self.side_car(subject, task, device=device, simulated=simulated)
-        return AnswerFile.open(self.data.answers(subject, task), order, car), order
+        return AnswerFile.open(
+            self.data.answers(subject, task), order,
+            self.side_car(subject, task, device=device, simulated=simulated),
+        ), order  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """The whole protocol for JSON, without its place on the disk."""

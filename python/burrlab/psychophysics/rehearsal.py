@@ -1,7 +1,6 @@
 """Simulated subjects: rehearsals, predicted scores, and a seat in a run."""
 
 import math
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -33,7 +32,7 @@ from burrlab.psychophysics.observer import (
 )
 from burrlab.psychophysics.power import DesignPower, design_power
 from burrlab.psychophysics.psychometric import proportion_correct
-from burrlab.psychophysics.rules import LAPSE, Counts, TaskName, counts_of, one_of
+from burrlab.psychophysics.rules import LAPSE, Counts, TaskName, counts_of, one_of, whole
 from burrlab.psychophysics.run import Seat
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one
@@ -92,7 +91,7 @@ def rehearse(
     >>> [counts.score for counts in rehearse(design, SimulatedSubject(0.3, cues=["sinking"]), subjects=2, seed=1)]
     [11, 12]
     """
-    refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
+    whole("subjects", subjects, at_least=1)
     return [
         counts_of(
             design.task, [(trial.trial_type, response, trial.correct) for trial, response in order.counted()]
@@ -128,8 +127,8 @@ def rehearsed_order(
     check_rehearsable(design)
     burr, bone = burr or Burr(3.0), bone or Block()
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
-    rng = np.random.default_rng([operator.index(seed), *name.encode()])
     order = design.order(seed=seed, subject=name)
+    rng = np.random.default_rng([seed, *name.encode()])
     while (trial := order.next()) is not None:
         felt = [_felt(design, interval, burr, bone) for interval in trial.intervals]
         response = taught.respond(design.task, _towards_boundary(design, trial, felt), rng)

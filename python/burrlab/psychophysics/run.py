@@ -10,7 +10,6 @@ import os
 import re
 import select
 import shutil
-import stat
 import sys
 import textwrap
 import time
@@ -21,15 +20,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
 
-import numpy as np
-
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
 from burrlab.common.check import amend_error, refuse
 from burrlab.psychophysics.answers import AnswerFile
 from burrlab.psychophysics.designs import Draws, Interval, Mode, Order, Stimulus, TaskDesign, Trial
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
-from burrlab.psychophysics.observer import drilling_hand, probing_hand
+from burrlab.psychophysics.observer import HANDS, drilling_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.rules import KEYS
 from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
@@ -308,12 +305,11 @@ class Experimenter(contextlib.AbstractContextManager["Experimenter"]):
 
 def _open_view(path: Path) -> int:
     """The descriptor of a view; neither opening nor writing blocks."""
-    kind = path.stat().st_mode if path.exists() else 0
-    any_of_them = path.resolve() == Path("/dev/tty")  # another name of the program's terminal
     refuse(
-        stat.S_ISCHR(kind)
+        path.is_char_device()
         and any(
-            any_of_them or os.path.samestat(os.fstat(stream.fileno()), path.stat())
+            path.resolve() == Path("/dev/tty")  # another name of the program's terminal
+            or os.path.samestat(os.fstat(stream.fileno()), path.stat())
             for stream in (sys.__stdin__, sys.__stdout__)
             if stream is not None and stream.isatty()
         ),
@@ -321,11 +317,9 @@ def _open_view(path: Path) -> int:
     )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
     try:
-        return os.open(
-            path, flags if stat.S_ISFIFO(kind) or stat.S_ISCHR(kind) else flags | os.O_CREAT, 0o666
-        )
+        return os.open(path, flags if path.is_fifo() or path.is_char_device() else flags | os.O_CREAT, 0o666)
     except OSError:
-        refuse(stat.S_ISFIFO(kind), f"the experimenter's view is a fifo that nobody reads: {path}")
+        refuse(path.is_fifo(), f"the experimenter's view is a fifo that nobody reads: {path}")
         raise
 
 
@@ -474,11 +468,11 @@ class Runner:
         self._rest_before(trial)
         self._announce(trial)
         felt, repeats = self._feel(trial)
-        response, response_time = self.seat.ask(self._design, trial, [interval.rendered for interval in felt])
-        onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
+        rendered = [interval.rendered for interval in felt]
+        response, response_time = self.seat.ask(self._design, trial, rendered)
         row = AnswerRow.of(
-            trial, onset=onset, duration=felt[-1].over - onset, response=response, response_time=response_time,
-            endings=endings, repeats=repeats, felt=[interval.rendered for interval in felt],
+            trial, onset=felt[0].began, duration=felt[-1].over - felt[0].began, response=response,
+            response_time=response_time, endings=[interval.ended for interval in felt], repeats=repeats, felt=rendered,
         )  # fmt: skip
         self._file.append(row)
         self._order.answer(response, lost=row.lost)
@@ -497,11 +491,12 @@ class Runner:
         return self._feel(trial, repeats + 1)
 
     def _welcome(self, first: Trial) -> None:
-        answers = zip(self._protocol.keys, self._design.answers, strict=True)
-        keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
+        keys = " or ".join(
+            f"{key} for {answer}"
+            for key, answer in zip(self._protocol.keys, self._design.answers, strict=True)
+        )
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
-        count = {2: "two", 3: "three"}[len(long)]
         lengths = (
             f"Each lasts {long[0]}; a beep tells its start and its end."
             if len(set(long)) == 1
@@ -509,7 +504,7 @@ class Runner:
         )
         self.seat.progress("")
         self.seat.ready(
-            f"{'You go on where you stopped. ' * bool(self._answered)}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
+            f"{'You go on where you stopped. ' * bool(self._answered)}Each trial has {'two' if len(long) == 2 else 'three'} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
@@ -526,15 +521,11 @@ class Runner:
             self.seat.rest("Take a break.", self._protocol.rest)
 
     def _announce(self, trial: Trial) -> None:
-        phases = [answered.phase for answered in self._answered]
-        practised, practice = (
-            phases.count("practice"),
-            sum(runner._design.practice for runner in self._together),
-        )
-        number, total = len(phases) - practised + 1, sum(runner._order.total for runner in self._together)
-        place, total = f"block {trial.block}", total - practice
-        if trial.phase == "practice":
-            number, place, total = practised + 1, "practice", practice
+        practice = trial.phase == "practice"
+        number = 1 + sum((answered.phase == "practice") == practice for answered in self._answered)
+        lengths = [(runner._design.practice, runner._order.total) for runner in self._together]
+        total = sum(practised if practice else all_of_it - practised for practised, all_of_it in lengths)
+        place = "practice" if practice else f"block {trial.block}"
         self.seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
         stimuli = ", ".join(f"{i.stimulus.name} ({_constants(i)})" for i in trial.intervals)
@@ -617,7 +608,7 @@ class Runner:
         """Tells the experimenter of a first tick in contact and of many late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
         if self._live and len(ticks) and ticks["touching"][0]:
-            self.experimenter.say(f"{which} began in contact, at {np.linalg.norm(ticks['force'][0]):.2f} N")
+            self.experimenter.say(f"{which} began in contact, at {math.hypot(*ticks['force'][0]):.2f} N")
         late = int((ticks["periods"] > 1).sum())
         if late > MANY_LATE * len(ticks):
             self.experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
@@ -766,9 +757,7 @@ class Sitting:
         """
         answer_count, units = 0, self.protocol.units
         for unit in dict.fromkeys(next(unit for unit in units if task in unit) for task in self.tasks):
-            answer_count += self._run_tasks(
-                [task for task in unit if task in self.tasks], seat, rest=answer_count > 0
-            )
+            answer_count += self._run_tasks(unit, seat, rest=answer_count > 0)
         return answer_count
 
     def _run_tasks(self, tasks: Sequence[str], seat: Callable[[str], Seat], *, rest: bool) -> int:
@@ -854,7 +843,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     with amend_error("device "):
         device = parse_device(text)
     if device.kind == "hand":
-        return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
+        return lambda mode: HANDS[mode](protocol.burr)
     if device.kind in ("igtl", "vrpn"):  # each interval has its own connection
         return lambda mode: open_device(device, protocol.lost_after)
     opened = (

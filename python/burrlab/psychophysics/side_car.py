@@ -1,7 +1,6 @@
 """Rows of answers and their rules, and the side-car: JSON beside the file that describes the run."""
 
 import contextlib
-import functools
 import hashlib
 import json
 import math
@@ -259,8 +258,11 @@ Reading: TypeAlias = tuple[Callable[[str], Any], str, Callable[[Any], bool]]
 
 def _one_of(texts: Mapping[str, Any]) -> Reading:
     """The reading of a field that holds one of a few texts, which stand for these values."""
-    rule = f"must be one of {', '.join(text for text in texts if text != table.NOTHING)}"
-    return lambda text: texts.get(text, texts), rule, lambda meaning: meaning is not texts
+    return (
+        lambda text: texts.get(text, texts),
+        f"must be one of {', '.join(text for text in texts if text != table.NOTHING)}",
+        lambda meaning: meaning is not texts,
+    )
 
 
 def _number_or_none(rule: str, holds: Callable[[float], bool]) -> Reading:
@@ -280,13 +282,13 @@ _READINGS: Mapping[str, Reading] = {
     "block": _WHOLE,
     "level": _number_or_none("must be a ratio above 0", lambda number: number > 0),
     "stimulus": (lambda text: None if text == table.NOTHING else text, "", lambda number: True),
-    "seed": (functools.partial(table.whole, below=2**64), "", lambda number: True),
+    "seed": (lambda text: table.whole(text, below=2**64), "", lambda number: True),
     "ended": _one_of({table.NOTHING: None, **{ending: ending for ending in ENDINGS}}),
     "clipped": _number_or_none("must be 0 to 1", lambda number: 0 <= number <= 1),
     "boundary": _number_or_none("must be above 0 [mm]", lambda number: number > 0),
     "reached": _one_of({table.NOTHING: None, "0": False, "1": True}),
     "force": _number_or_none("must be at least 0 [N]", lambda number: number >= 0),
-    "repeats": (functools.partial(table.whole, below=10), "", lambda number: True),
+    "repeats": (lambda text: table.whole(text, below=10), "", lambda number: True),
 }
 
 
@@ -387,8 +389,8 @@ class SideCar:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of a new file; with those of clipping where the device may have limits of its own."""
-        own = self.device.partition(":")[0] in ("touch", "omega", "haply", "driver")
-        limited = own or "limits" in self.protocol.get("experiment", {})
+        own = ("touch", "omega", "haply", "driver")
+        limited = self.device.partition(":")[0] in own or "limits" in self.protocol.get("experiment", {})
         plain = self.design.get("boundary_mm") is None
         return columns_of(self.task, without=("clipped",) * (not limited) + ("boundary", "reached") * plain)
 

@@ -4,11 +4,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar, cast
 
 import numpy as np
 import scipy
-from matplotlib.figure import Figure
 
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
@@ -305,8 +304,8 @@ def plot_rows(
     An interval is a line, or an arrow towards the end of the axis if open above; an infinite estimate is hollow.
     """
     axes, height = axes_or_new(ax), len(names) * 0.5 * (1 + len(series))
-    if ax is None and height > 13 and isinstance(axes.figure, Figure):
-        axes.figure.set_figheight(1.2 + 0.19 * height)
+    if ax is None and height > 13:
+        cast(Any, axes.figure).set_figheight(1.2 + 0.19 * height)
     rows = np.arange(float(len(names)))
     if group:
         axes.axhline(rows[-1] - 0.2, color="0.8", linewidth=0.8)
@@ -446,7 +445,6 @@ class ScoredTask(TaskResult[SubjectResult]):
                 )
             )
         several = len(used) > 1
-        tested = rules if counts and delta is not None else ()
         return cls(
             **shared(data, level, tuple(subject_results)),
             task=data.task,
@@ -454,7 +452,11 @@ class ScoredTask(TaskResult[SubjectResult]):
             delta=delta,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
-            equivalence=tuple(equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in tested),
+            equivalence=tuple(
+                equivalence(counts, rule=rule, delta=delta, level=level)
+                for rule in rules
+                if counts and delta is not None
+            ),
             checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
         )
 
@@ -534,13 +536,12 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject.
         """
         self._some()
-        names = [subject.subject for subject in self.subjects]
-        spans = [
-            (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
-            for subject in self.subjects
-        ]  # fmt: skip
+        spans = {
+            x.subject: (100 * x.score_interval[0], 100 * x.counts.score / x.counts.trials, 100 * x.score_interval[1])
+            for x in self.subjects
+        }  # fmt: skip
         return plot_rows(
-            ax, names, [(spans, _marks(style, POSITION, "o"))], 100.0, (50.0, "chance"), group=False,
+            ax, [*spans], [([*spans.values()], _marks(style, POSITION, "o"))], 100.0, (50.0, "chance"), group=False,
             xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval", title=self.title,
         )  # fmt: skip
 
@@ -678,7 +679,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         for subject in data.subjects:
             if subject.counts:
                 progress(data.name, subject.subject)
-                results.append(_threshold(subject, design, level))
+                results.append(_threshold(subject, subject.counts, design, level))
         return cls(**shared(data, level, [result for result in results if incomplete or result.complete]))
 
     @property
@@ -767,20 +768,19 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         )
 
 
-def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) -> SubjectThreshold:
-    threshold: float | None = None
-    interval: tuple[float, float] | None = None
+def _threshold(
+    subject: SubjectData, counts: Counts, design: TaskDesign | None, level: float
+) -> SubjectThreshold:
     estimate, text = _estimate(subject, design, level)
+    # there may be no estimate, and a staircase's has no interval
+    threshold, interval = getattr(estimate, "level", None), getattr(estimate, "interval", None)
     if isinstance(estimate, PsychometricFit):
         ratios = (estimate.threshold, *estimate.interval)
         threshold, near, far = (1.0 / x for x in ratios) if estimate.side == "below" else ratios
         interval = near, far
-    elif estimate is not None:
-        threshold, interval = estimate.level, getattr(estimate, "interval", None)
-    if (counts := subject.counts) is not None:
-        if not isinstance(estimate, PsychometricFit) and (below := below_chance(counts.score, counts.trials)):
-            text += f"\n{below}"
-        text += "\none answer was always given" * (counts.hits + counts.false_alarms in (0, counts.trials))
+    elif below := below_chance(counts.score, counts.trials):
+        text += f"\n{below}"
+    text += "\none answer was always given" * (counts.hits + counts.false_alarms in (0, counts.trials))
     # A staircase may end before its last trial.
     return SubjectThreshold(
         subject.subject, None if isinstance(estimate, StaircaseThreshold) and estimate.complete else subject.planned, subject.simulated, subject.trials, subject.levels, threshold,
@@ -793,8 +793,13 @@ def _beside(answers: Answers | None) -> dict[str, Any]:
     if answers is None:
         return {}
     catch = level_counts(row for row in answers.rows if row.phase == "catch" and not row.lost)
-    felt = (row for row in answers.rows if row.phase != "practice" and not row.lost)
-    clipped = (row for row in felt if any((share or 0.0) > _CLIPPED for share in row.clipped))
+    clipped = (
+        row
+        for row in answers.rows
+        if row.phase != "practice"
+        and not row.lost
+        and any((share or 0.0) > _CLIPPED for share in row.clipped)
+    )
     forces = [force for row in answers.main for force in row.forces if force is not None]
     return {
         "pressed": sum(forces) / len(forces) if forces else None,

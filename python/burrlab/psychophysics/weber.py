@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from scipy import special
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
@@ -139,10 +138,10 @@ class WeberFraction:
             end = slice(None, None, 1 if threshold.open_above else -1)
             likely, at = posterior.marginal()[end], np.log(np.abs(np.expm1(side * posterior.thresholds)))[end]
             rise = slice(int(np.argmax(likely)) + 1)
-            half, lower = np.interp([0.5, special.ndtr(-1.0)], likely[rise] / likely.max(), at[rise])
+            half, lower = np.interp([0.5, scipy.special.ndtr(-1.0)], likely[rise] / likely.max(), at[rise])
             bound = float(half), float(half - lower)
         return cls(
-            subject, reference, fraction, math.log(far / near) / (2.0 * special.ndtri(0.975)), session,
+            subject, reference, fraction, math.log(far / near) / (2.0 * scipy.special.ndtri(0.975)), session,
             threshold.open_below or threshold.open_above, force, bound,
         )  # fmt: skip
 
@@ -151,7 +150,7 @@ class WeberFraction:
         if self.bound is None:
             return ln_w, _NOTHING
         z = (ln_w - self.bound[0]) / self.bound[1]
-        mills = math.exp(-0.5 * z**2 - float(special.log_ndtr(z))) / math.sqrt(2.0 * math.pi)
+        mills = math.exp(-0.5 * z**2 - float(scipy.special.log_ndtr(z))) / math.sqrt(2.0 * math.pi)
         error = min(abs(self.bound[1]) / math.sqrt(max(mills * (z + mills), _LEAST)), _NOTHING)
         return ln_w + mills * error**2 / self.bound[1], error
 
@@ -440,8 +439,10 @@ class SensitivityFunction(Tabular):
                 f"{np.mean([row.force for row in self.fractions if row.reference == p0]):.2g} N at {p0:.3g}"
                 for p0 in references
             )
-            beside = self.at_equal_force or "cannot be told from the references"
-            lines.append(f"pressed: {pressed}; the slope at equal force, which corrects nothing: {beside}")
+            lines.append(
+                f"pressed: {pressed}; the slope at equal force, which corrects nothing: "
+                f"{self.at_equal_force or 'cannot be told from the references'}"
+            )
         everyone = [*self.fractions, *self.left_out]
         for rows, why in (
             ([row for row in self.fractions if row.open], "may lie beyond the levels, and count as such"),
@@ -494,8 +495,10 @@ class SensitivityFunction(Tabular):
                 elinewidth=0.6,
                 **look,
             )
-            drawn = np.exp(-line[0] - line[1] * np.log(drawn_at / self.center))
-            ax.plot(drawn_at, drawn, **look, label="subjects" if i == 0 else None)
+            ax.plot(
+                drawn_at, np.exp(-line[0] - line[1] * np.log(drawn_at / self.center)), **look,
+                label="subjects" if i == 0 else None,
+            )  # fmt: skip
         if any(row.open for row in self.fractions):
             ax.plot([], [], "v", mfc="none", ms=4, **look, label="may lie beyond the levels")
         references = [row.reference for row in self.fractions]

@@ -1,6 +1,7 @@
 """A session at any moment: bone, burrs, force and depth; of a trace, or as another simulator recorded it."""
 
 import bisect
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ class BrickHistory:
     """States of a bone, each kept as the bricks that changed since the one before.
 
     If the states exceed `memory`, every second one is dropped, as often as needed. The others still reach
-    back to the beginning, in wider steps. Several threads may use it.
+    back to the beginning, in wider steps. Several threads may use it, each with the lock.
 
     Parameters
     ----------
@@ -36,8 +37,7 @@ class BrickHistory:
         self._initial, self._memory = initial, memory
         self._states: list[_State] = [(0, np.empty(0, np.uint32), np.empty((0, 512), np.uint8))]
         self.thinned = 0  #: how often every second state was dropped
-        self.lock = threading.RLock()  # held over several calls on one set of states
-        self._bits = np.zeros(int(np.prod([-(-n // 8) for n in initial.shape])), bool)
+        self.lock = threading.Lock()  # who calls a method holds it, over all calls on one set of states
 
     def __len__(self) -> int:
         """Number of states, the initial one included."""
@@ -55,46 +55,36 @@ class BrickHistory:
 
     def at_or_before(self, tick: int) -> int:
         """Tick of the newest state at or before a tick."""
-        with self.lock:
-            return self._states[self._behind(tick) - 1][0]
+        return self._states[self._behind(tick) - 1][0]
 
     def after(self, tick: int) -> int | None:
         """Tick of the first state after a tick; None if there is none."""
-        with self.lock:
-            return next((state[0] for state in self._states[self._behind(tick) :]), None)
+        return next((state[0] for state in self._states[self._behind(tick) :]), None)
 
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
         """Keeps the state at a tick after the newest one; `bricks` are all that changed since then."""
-        with self.lock:
-            if tick <= self.last:
-                return
+        if tick > self.last:
             self._states.append((tick, bricks, read_bricks(bone, bricks)))
-            while self.bytes > self._memory and len(self._states) > 2:
-                self._thin()
+        while self.bytes > self._memory and len(self._states) > 2:
+            self._thin()
 
     def changed_between(self, first: int, second: int) -> NDArray[np.uint32]:
         """Sorted bricks that may differ between the bone at two ticks, up to the newest state."""
-        low, high = min(first, second), max(first, second)
-        with self.lock:
-            last = bisect.bisect_left(self._states, high, key=lambda state: state[0]) + 1
-            return _union([bricks for _, bricks, _ in self._states[self._behind(low) : last]])
+        low, high = sorted((first, second))
+        last = bisect.bisect_left(self._states, high, key=lambda state: state[0]) + 1
+        return _union([bricks for _, bricks, _ in self._states[self._behind(low) : last]])
 
     def levels(self, bricks: NDArray[np.uint32], tick: int) -> NDArray[np.uint8]:
         """Levels of bricks in the state at a tick, shape (n, 512)."""
-        levels = np.empty((len(bricks), 512), np.uint8)
-        with self.lock:
-            wanted, left = self._bits, len(bricks)
-            wanted[bricks] = True
-            i = self._behind(tick) - 1
-            while left and i > 0:  # newest first: the first that holds a brick is right
-                _, saved, content = self._states[i]
-                rows = np.flatnonzero(wanted[saved])
-                levels[np.searchsorted(bricks, saved[rows])] = content[rows]
-                wanted[saved[rows]] = False
-                left, i = left - len(rows), i - 1
-            rest = wanted[bricks]
-            wanted[bricks] = False
-        levels[rest] = read_bricks(self._initial, bricks[rest])
+        levels = read_bricks(self._initial, bricks)
+        wanted = np.zeros(math.prod(-(-n // 8) for n in self._initial.shape), bool)
+        wanted[bricks] = True
+        for _, saved, content in self._states[
+            self._behind(tick) - 1 : 0 : -1
+        ]:  # the newest that holds a brick
+            rows = np.flatnonzero(wanted[saved])
+            levels[np.searchsorted(bricks, saved[rows])] = content[rows]
+            wanted[saved[rows]] = False
         return levels
 
     def _behind(self, tick: int) -> int:
@@ -256,8 +246,7 @@ class TracePlayer:
     def prepared(self) -> float:
         """Part of the trace whose states are kept, 0 to 1. Seeks there are fast."""
         with self._kept.lock:
-            step = self._every << self._kept.thinned
-            return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
+            return min(1.0, (self._kept.last + (self._every << self._kept.thinned)) / max(self.ticks, 1))
 
     @property
     def kept(self) -> tuple[int, int]:
@@ -363,25 +352,20 @@ class _TickCursor:
                 changed.append(take_changed_bricks(self.bone))
         first = self.done
         while self.done < done:
-            changed.append(self._execute(done))
-            report_progress(1 - (done - self.done) / (done - first))
+            with self._kept.lock:
+                step = self._every << self._kept.thinned
+                key = self._kept.after(self.done) or max(self._kept.last, self.done + 1 - step) + step
+            end = min(done, key, self.done + _BATCH)
+            self._executor.execute(inputs(self._trace.ticks[self.done : end]))
+            self.done = end
+            changed.append(take_changed_bricks(self.bone))
+            self._since.append(changed[-1])
+            if end == key:
+                with self._kept.lock:
+                    self._kept.add(end, _union(self._since), self.bone)
+                self._since = []
+            report_progress(1 - (done - end) / (done - first))
         return _union(changed)
-
-    def _execute(self, done: int) -> NDArray[np.uint32]:
-        """Executes ticks up to `done` or the next kept state; returns the bricks that changed."""
-        step = self._every << self._kept.thinned
-        key = self._kept.after(self.done)
-        if key is None:
-            key = max(self._kept.last, self.done + 1 - step) + step
-        end = min(done, key, self.done + _BATCH)
-        self._executor.execute(inputs(self._trace.ticks[self.done : end]))
-        self.done = end
-        changed = take_changed_bricks(self.bone)
-        self._since.append(changed)
-        if end == key:
-            self._kept.add(end, _union(self._since), self.bone)
-            self._since = []
-        return changed
 
 
 def _held(
@@ -453,9 +437,9 @@ class RecordingPlayer:
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
         force = np.linalg.norm(self._force(time), axis=1, keepdims=True)
         self.history = History(time, force, np.full((len(time), 1), np.nan))
-        empty = int(np.count_nonzero(self._level == 0))
-        hollow = [f"{empty} of {len(self._level)} removed voxels are empty in this bone"]
-        notes = [motion.notes[0], *(hollow if 2 * empty > len(self._level) else []), *motion.notes[1:]]
+        empty, notes = int(np.count_nonzero(self._level == 0)), list(motion.notes)
+        if 2 * empty > len(self._level):
+            notes.insert(1, f"{empty} of {len(self._level)} removed voxels are empty in this bone")
         self.note = "; ".join(notes)
         self.seek(0.0)
 

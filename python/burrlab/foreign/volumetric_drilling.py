@@ -417,9 +417,11 @@ class DrillingRecording:
         bone_pose, theirs = _SliceGrid(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(bone_pose[3:]) * of_quaternion(theirs).inv()
         scale = self._scale_on(bone, source, least=_RESAMPLED)
-        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3]
-        note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
-        return to_bone, position, note * (scale != 1.0)
+        return (
+            to_bone,
+            to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3],
+            f"lengths are divided by {scale:g}, by which its recorder multiplied them" * (scale != 1.0),
+        )
 
     def _scale_on(
         self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = np.inf
@@ -660,8 +662,10 @@ class _Part:
         filled, rank = np.unique(group, return_inverse=True)
         if len(filled) == len(stamps):  # in 2024, groups without voxels have no time
             group = rank
-        whole = (removed == np.rint(removed)).all() and (removed >= 0).all() and (group < len(stamps)).all()
-        refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
+        refuse(
+            not ((removed == np.rint(removed)) & (removed >= 0)).all() or (group >= len(stamps)).any(),
+            f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0",
+        )
         refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
         return [stamps[group.astype(np.int64)], removed[:, 1:].astype(np.int64), rgb.astype(np.int64)]
 

@@ -14,7 +14,7 @@ from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
-from burrlab.session.replay import executor_of, inputs
+from burrlab.session.replay import BATCH, executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
 
@@ -71,15 +71,20 @@ class SessionAnatomy:
             return np.zeros(0, EVENT_DTYPE), []
         rows = self.watched(self._told).events
         self._told += len(rows)
-        events = [AnatomyEvent.of(row, self.watch.structures, self._voxel_volume) for row in rows]
-        return rows, [str(event) for event in events if event.kind != "away"]
+        return rows, [
+            str(event)
+            for event in (AnatomyEvent.of(row, self.watch.structures, self._voxel_volume) for row in rows)
+            if event.kind != "away"
+        ]
 
     def report(self) -> AnatomyReport | None:
         """The report so far; None without tissues."""
         if self._tissues is None:
             return None
-        settings = {} if self.watch is None else self.watch.settings
-        return AnatomyReport.of(self.watched(), self._tissues, settings, self._period, self._voxel_volume)
+        return AnatomyReport.of(
+            self.watched(), self._tissues, {} if self.watch is None else self.watch.settings, self._period,
+            self._voxel_volume,
+        )  # fmt: skip
 
 
 _TOLD = 5  # how many of the last faults and divergences are told
@@ -119,9 +124,8 @@ def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
     settings = json.loads(replica.hello).get("watch")
     if not settings:
         return []
-    names = [row["name"] for row in settings["structures"]]
     return [
-        AnatomyEvent.of(row, names, settings["voxel_volume_mm3"])
+        AnatomyEvent.of(row, [x["name"] for x in settings["structures"]], settings["voxel_volume_mm3"])
         for row in replica.watched(known)["events"].view(EVENT_DTYPE)
     ]
 
@@ -159,11 +163,10 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     voxel_volume = float(np.prod(bone.spacing))
     volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
     removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
-    watched = Watched.of(replica.watched() if settings else None, removed, len(hello["tools"]))
-    return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
-
-
-_BATCH = 2000  # ticks between two checks for Ctrl-C
+    return AnatomyReport.of(
+        Watched.of(replica.watched() if settings else None, removed, len(hello["tools"])),
+        bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume,
+    )  # fmt: skip
 
 
 def anatomy_report(
@@ -228,10 +231,10 @@ def anatomy_report(
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)
     before = tissue_levels(bone)
-    for start in range(0, len(trace), _BATCH):
-        executor.execute(inputs(trace.ticks[start : start + _BATCH]))
-        report(min(start + _BATCH, len(trace)) / len(trace))
-    watched = Watched.of(None if core is None else core.seen(), before - tissue_levels(bone), trace.burrs)
+    for start in range(0, len(trace), BATCH):
+        executor.execute(inputs(trace.ticks[start : start + BATCH]))
+        report(min(start + BATCH, len(trace)) / len(trace))
     return AnatomyReport.of(
-        watched, bone.tissues, {} if watch is None else watch.settings, trace.period, trace.voxel_volume
-    )
+        Watched.of(None if core is None else core.seen(), before - tissue_levels(bone), trace.burrs),
+        bone.tissues, {} if watch is None else watch.settings, trace.period, trace.voxel_volume,
+    )  # fmt: skip

@@ -151,12 +151,14 @@ class DeviceLimits:
     def __post_init__(self) -> None:
         for name in _UNITS:
             value = getattr(self, name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            for number in () if value is None and name != "window" else numbers:
+            for number in value if isinstance(value, tuple) else (value,):
                 refuse(
-                    not isinstance(number, int | float)
-                    or isinstance(number, bool)
-                    or not 0 < number < math.inf,
+                    (value is not None or name == "window")
+                    and (
+                        not isinstance(number, int | float)
+                        or isinstance(number, bool)
+                        or not 0 < number < math.inf
+                    ),
                     f"{name} must be positive and finite, or None, got {number!r}",
                 )
 
@@ -204,8 +206,10 @@ inverse3      10g   -      1g    0.01g    4000g  460x510x230g
 def _of_row(row: str) -> DeviceLimits:
     model, *cells = row.split()
     known = {name: cell for name, cell in zip(_COLUMNS, cells, strict=True) if cell != "-"}
-    values: dict[str, Any] = {name: tuple(map(float, cell[:-1].split("x"))) for name, cell in known.items()}
-    values = {name: value if name == "workspace" else value[0] for name, value in values.items()}
+    values: dict[str, Any] = {
+        name: tuple(map(float, cell[:-1].split("x"))) if name == "workspace" else float(cell[:-1])
+        for name, cell in known.items()
+    }
     return DeviceLimits(model, **values, sources={name: _SOURCES[cell[-1]] for name, cell in known.items()})
 
 
@@ -217,14 +221,15 @@ class KnownLimits(dict[str, DeviceLimits]):
 
     def __repr__(self) -> str:
         heads = (f"{name} [{_UNITS[name]}]".replace("_per_", "/").replace("_", " ") for name in _COLUMNS)
-        lines = [f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|"]
         rows = (f"| {' | '.join(row.split())} |" for row in _TABLE.strip().splitlines())
-        lines += (re.sub(r"(?<= )([\d.x]+)([a-z]) ", r"\1 (\2) ", row) for row in rows)
-        sources = [
-            textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
-            for letter, text in _SOURCES.items()
-        ]
-        return "\n".join([*lines, "", *sources])
+        return "\n".join([
+            f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|",
+            *(re.sub(r"(?<= )([\d.x]+)([a-z]) ", r"\1 (\2) ", row) for row in rows), "",
+            *(
+                textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
+                for letter, text in _SOURCES.items()
+            ),
+        ])  # fmt: skip
 
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.

@@ -111,10 +111,11 @@ class SessionMetrics:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON, units in the names; None where there is no number."""
-        anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
-        structures = {} if self.structures is None else {"removed_mm3_by_structure": self.structures}
-        notes = {"notes": list(self.notes)} if self.notes else {}
-        return {**_CODEC.plain(self), **anatomy, **structures, **notes}
+        further = {
+            "anatomy": None if self.anatomy is None else self.anatomy.to_dict(),
+            "removed_mm3_by_structure": self.structures, "notes": list(self.notes) or None,
+        }  # fmt: skip
+        return {**_CODEC.plain(self), **{key: part for key, part in further.items() if part is not None}}
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
@@ -136,8 +137,9 @@ class SessionMetrics:
 
     def _repr_html_(self) -> str:
         figures, values = zip(*self._rows(), strict=True)
-        title = f"Burr {self.burr}, threshold {self.threshold:g} N"
-        table = html_table(title, {"figure": figures, "value": values})
+        table = html_table(
+            f"Burr {self.burr}, threshold {self.threshold:g} N", {"figure": figures, "value": values}
+        )
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     @drawing
@@ -271,7 +273,7 @@ def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
     # a position, its smoothed copies, speed and jerk; a late time stamp makes many
     check_memory(400.0 * count, f"a motion of {time[-1] - time[0]:.3g} s")
     at = time[0] + grid * np.arange(count)
-    raw = np.column_stack([np.interp(at, time, center[:, axis]) for axis in range(3)])
+    raw = np.column_stack([np.interp(at, time, axis) for axis in center.T])
     cutoff = min(CUTOFF, 0.4 / grid)  # below half the sampling rate
     low_pass = scipy.signal.butter(2, cutoff, fs=1.0 / grid, output="sos")
     return at, scipy.signal.sosfiltfilt(

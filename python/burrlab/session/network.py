@@ -45,8 +45,9 @@ def open_publisher(
     """
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
-    text = json_text("hello", hello, default=str)
-    return Publisher(follower, hello=_without_folders(text), **asdict(publish), **options)
+    return Publisher(
+        follower, hello=_without_folders(json_text("hello", hello, default=str)), **asdict(publish), **options
+    )
 
 
 def _without_folders(hello: str) -> str:

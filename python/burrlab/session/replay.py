@@ -15,7 +15,7 @@ from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
 #: Columns that the model and its tools give. They are compared to the bit.
 COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous", "radius_mm", "material")
-_BATCH = 2000  # ticks between two checks for Ctrl-C
+BATCH = 2000  # ticks between two checks for Ctrl-C
 
 
 @by_value
@@ -139,7 +139,7 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
     digests = {tick - first: digest for tick, digest in trace.digests if first <= tick <= first + end}
     done = compared = 0
     difference = None
-    for mark in sorted({*digests, *range(0, end, _BATCH), end}):
+    for mark in sorted({*digests, *range(0, end, BATCH), end}):
         if mark > done:
             rows = trace.ticks[done:mark]
             difference = _first_difference(rows, to_rows(executor.execute(inputs(rows)), trace.burrs))

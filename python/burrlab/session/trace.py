@@ -68,13 +68,15 @@ def row_dtype(burrs: int, burr: np.dtype[Any] = BURR_DTYPE) -> np.dtype[Any]:
 
 def file_dtype(burrs: int) -> np.dtype[Any]:
     """Type of a row of the file: the bytes of `row_dtype` as scalars. Columns of burr 1 begin with burr1_."""
-    columns = [
-        (f"{prefix}{column}", kind)
-        for prefix in ("", "burr1_")[:burrs]
-        for name, kind, shape, _ in _BURR
-        for column in _components(name, shape)
-    ]
-    return np.dtype([(name, kind) for name, kind, _ in _TICK] + columns)
+    return np.dtype(
+        [(name, kind) for name, kind, _ in _TICK]
+        + [
+            (f"{prefix}{column}", kind)
+            for prefix in ("", "burr1_")[:burrs]
+            for name, kind, shape, _ in _BURR
+            for column in _components(name, shape)
+        ]
+    )
 
 
 def _components(name: str, shape: tuple[int, ...]) -> list[str]:
@@ -445,8 +447,11 @@ class Trace:
 
 def check_trace(trace: Trace) -> None:
     """TypeError unless `trace` is a `Trace`; a file's name is an easy mistake."""
-    if not isinstance(trace, Trace):
-        raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
+    refuse(
+        not isinstance(trace, Trace),
+        f"trace must be a Trace, as load_trace gives it, got {trace!r}",
+        TypeError,
+    )
 
 
 @doing("reading a trace")
@@ -501,8 +506,9 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
         digest, ended, end = "-", "", rows[-200:].tobytes()
         if end.startswith(b"\nend "):
             rows = rows[:-200]
-            checksum = zlib.adler32(end[16:], zlib.adler32(rows))
-            refuse(end[5:16] != b"%10d " % checksum, "its ticks were changed")
+            refuse(
+                end[5:16] != b"%10d " % zlib.adler32(end[16:], zlib.adler32(rows)), "its ticks were changed"
+            )
             digest, _, ended = in_one_line(end[16:].decode(errors="replace")).partition(" ")
         else:  # the program was killed
             rows = rows[: len(rows) // row.itemsize * row.itemsize]
@@ -553,9 +559,9 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         f"{path} is damaged: its volume is not the one that the session began with",
     )
     _check_setup(bone, tools, devices, seed, scheme, float(about["period_ms"]))
-    watched_names = {row["name"] for row in watch.get("structures", ())}
     refuse(
-        watched_names - {tissue.name for tissue in bone.tissues or ()}, "its bone lacks a watched structure"
+        {row["name"] for row in watch.get("structures", ())} - {tissue.name for tissue in bone.tissues or ()},
+        "its bone lacks a watched structure",
     )
     refuse(not 0 <= float(about["started_unix_s"]) < np.inf, "its start is no time")
     made_by = {
@@ -586,8 +592,10 @@ def _check_setup(
         not 0 < period <= _LONGEST_PERIOD,
         f"its period must be above 0 and at most {_LONGEST_PERIOD:g} ms, got {period:g}",
     )
-    alien = [m for _, m in tools if bone.tissues is not None and m != bone.tissues.material]
-    refuse(alien, "a tool's material is not that of its bone's tissues")
+    refuse(
+        bone.tissues is not None and any(material != bone.tissues.material for _, material in tools),
+        "a tool's material is not that of its bone's tissues",
+    )
 
 
 def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.void]:
@@ -601,9 +609,9 @@ def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.
     _check_rows(ticks, first)
     rows = ticks.view(row) if table.dtype == file_dtype(burrs) else ticks
     burr = rows["burr"]
-    finite = [np.isfinite(burr[name]).all(axis=-1) for name in ("center_mm", "sent_force_N")]
     right = (
-        np.logical_and(*finite)
+        np.isfinite(burr["center_mm"]).all(axis=-1)
+        & np.isfinite(burr["sent_force_N"]).all(axis=-1)
         & (np.maximum(burr["touching"], burr["on"]) <= 1)
         & (burr["removed_levels"] >= 0)
     )

@@ -123,11 +123,11 @@ def chosen_start(options: Options, burr: Burr, material: Material) -> BoneStart:
     like = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
-    tick = recipe.tick if isinstance(recipe, DrilledRecipe) else 0
-    material = material_on(bone, material)
-    source = {**recipe.plain(), "notes": list(recipe.notes())}
-    grid = None if holds_bone(options.bone or "") else recipe.grid()
-    return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
+    return BoneStart(
+        bone, recipe.tick if isinstance(recipe, DrilledRecipe) else 0, material_on(bone, material),
+        {**recipe.plain(), "notes": list(recipe.notes())}, place, like, recipe.mapping,
+        None if holds_bone(options.bone or "") else recipe.grid(),
+    )  # fmt: skip
 
 
 def _recipe(options: Options, material: Material) -> Recipe | DrilledRecipe | None:
@@ -196,10 +196,11 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     """
     counts = label_counts(labels.labels, labels.path)
     if tissues is None:
-        known = {
-            label: known_tissue(labels.names.get(label) or UNLABELLED * (label == 0)) for label in counts
+        tissue_names = {
+            label: tissue.name
+            for label in counts
+            if (tissue := known_tissue(labels.names.get(label) or UNLABELLED * (label == 0))) is not None
         }
-        tissue_names = {label: tissue.name for label, tissue in known.items() if tissue is not None}
     else:
         tissue_names = {0: UNLABELLED, **{tissue.label: tissue.name for tissue in tissues}}
     return [

@@ -132,24 +132,11 @@ def _pair(text: str) -> tuple[float, float]:
 @parsed_by
 def _size(text: str) -> tuple[int, int]:
     parts = text.lower().split("x")
-    fine = len(parts) == 2 and all(part.isdecimal() and 16 <= int(part) <= 16384 for part in parts)
-    refuse(not fine, f"must be WIDTHxHEIGHT of 16 to 16384 pixels, got '{text}'")
+    refuse(
+        len(parts) != 2 or not all(part.isdecimal() and 16 <= int(part) <= 16384 for part in parts),
+        f"must be WIDTHxHEIGHT of 16 to 16384 pixels, got '{text}'",
+    )
     return int(parts[0]), int(parts[1])
-
-
-#: Options for keeping a bone and for going on with a kept one.
-KEPT = OptionGroup(
-    "a bone that is kept, half-drilled",
-    (
-        option(
-            "--save",
-            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, "
-            ".mha; a new folder for PNG "
-            "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
-        ),
-        option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
-    ),
-)  # fmt: skip
 
 
 LIMITS = {
@@ -440,7 +427,15 @@ COMMANDS = {
             "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own", type=positive),
         VOLUME,
         LABELS,
-        KEPT,
+        OptionGroup("a bone that is kept, half-drilled", (
+            option(
+                "--save",
+                "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, "
+                ".mha; a new folder for PNG "
+                "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
+            ),
+            option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
+        )),
         WATCH,
         option("--seed", "default: drawn and recorded", type=seed),
         option("--force-limit", "of the force sent [N], default 8", type=positive, default=8.0),

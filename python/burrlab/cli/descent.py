@@ -69,12 +69,11 @@ def do_sweep(options: Options) -> int:
         "status": list(curve.status or ()),
     }
     lost = (curve.status or ()).count("interrupted")
+    remarks = [*curve.provenance["warnings"], *[f"{lost} interrupted"] * bool(lost)]
+    if lost and options.store is not None:
+        remarks[-1] += f", the same command goes on from {options.store}"
     text = f"{len(curve)} descents, {ok} with a velocity, written to {options.out}; seed {result['seed']}"
-    text += "".join(f"; {name}" for name in curve.provenance["warnings"])
-    if lost:
-        text += f"; {lost} interrupted"
-        text += "" if options.store is None else f", the same command goes on from {options.store}"
-    deliver(options, result, text)
+    deliver(options, result, "; ".join([text, *remarks]))
     if options.plot is not None:
         axes = curve.plot()
         axes.set_title(assumed(notes), fontsize=8)
@@ -119,10 +118,10 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
 def do_fit(options: Options) -> None:
     engine: Literal["mean-field"] | burrlab.VoxelEngine = "mean-field"
     if options.engine == "voxel":
-        store = None if options.store is None else burrlab.Store(options.store)
         engine = burrlab.VoxelEngine(
-            voxel=options.voxel or 0.1, store=store, progress=on_terminal(), seed=options.seed
-        )
+            voxel=options.voxel or 0.1, progress=on_terminal(), seed=options.seed,
+            store=None if options.store is None else burrlab.Store(options.store),
+        )  # fmt: skip
     else:
         refuse_options(options, ("voxel", "store", "seed"), "goes with --engine voxel")
     result = burrlab.fit(
@@ -133,7 +132,6 @@ def do_fit(options: Options) -> None:
         share=options.share,
         **_effects(options),
     )
-    points = {} if options.test is None else {"given": options.test}
     plain, text = result.to_dict(), result.report(options.verbose)
     if options.test is not None:
         test = result.test(*options.test)
@@ -144,7 +142,10 @@ def do_fit(options: Options) -> None:
         text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)
     plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
-    plot(options.region, lambda: result.plot_region(points=points))
+    plot(
+        options.region,
+        lambda: result.plot_region(points={} if options.test is None else {"given": options.test}),
+    )
     plot(options.profile, result.plot_profile)
 
 

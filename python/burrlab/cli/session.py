@@ -89,9 +89,11 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
     effects.wait(2.0)  # for the last frame
     effects.stop()
     report, balance = effects.report(), effects.balance()
-    ended = f"\neffects ended early: {effects.error}" if effects.error else ""
-    lines = [f"\neffects at assumed rates, seed {effects.seed}: {report}{ended}"]
-    lines += [f"{name}: {account}" for name, account in balance.items()]
+    lines = [
+        f"\neffects at assumed rates, seed {effects.seed}: {report}",
+        *[f"effects ended early: {effects.error}"] * bool(effects.error),
+        *(f"{name}: {account}" for name, account in balance.items()),
+    ]
     accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
     return "\n".join(lines), {
         "effects": {
@@ -122,16 +124,15 @@ def _placed(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
 ) -> list[Device | tuple[Device, burrlab.DeviceFrame]]:
     """The devices, each with its frame if the options say one or a device has axes of its own."""
-    frame_options = (options.scale, options.rotation, options.offset, options.clutch)
-    if not any(isinstance(device, HeldDevice) for device in devices) and frame_options == (None,) * 4:
+    names = ("scale", "rotation", "offset", "clutch")
+    frame: dict[str, Any] = {name: value for name in names if (value := getattr(options, name)) is not None}
+    if not frame and not any(isinstance(device, HeldDevice) for device in devices):
         return list(devices)
-    scale, rotation = options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0)
-    origin = (0.0, 0.0, 0.0)
-    start = tuple(place.get("start", origin))  # of a simulated hand, and of a device with axes of its own
-    offsets = [options.offset or (start if isinstance(device, HeldDevice) else origin) for device in devices]
+    # where a simulated hand starts, a device with axes of its own starts, too
+    start = {"offset": place["start"]} if "start" in place else {}
     return [
-        (device, burrlab.DeviceFrame(scale, rotation, offset, options.clutch))
-        for device, offset in zip(devices, offsets, strict=True)
+        (device, burrlab.DeviceFrame(**((start if isinstance(device, HeldDevice) else {}) | frame)))
+        for device in devices
     ]
 
 
@@ -373,14 +374,13 @@ def do_replay(options: Options) -> int:
     again = burrlab.replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     verdict = f"equal: {where}" if again.equal else f"different: {again.difference}"
-    ended = trace.ended or "recording did not end: the session was killed, or goes on"
     deliver(
         options,
         {
             "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
             "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
         },
-        f"{verdict}\n{ended}",
+        f"{verdict}\n{trace.ended or 'recording did not end: the session was killed, or goes on'}",
     )  # fmt: skip
     return 0 if again.equal else 1
 
@@ -441,8 +441,11 @@ def do_export(options: Options) -> None:
         "export needs one of FILE and, for .burr, --volume or --labels",
     )
     written, text = _EXPORTS[ending](options)
-    source = options.file or options.volume or options.labels
-    deliver(options, {"file": source, "written": options.out, **written}, f"written {options.out}{text}")
+    deliver(
+        options,
+        {"file": options.file or options.volume or options.labels, "written": options.out, **written},
+        f"written {options.out}{text}",
+    )
 
 
 def _export_recording(options: Options) -> tuple[dict[str, Any], str]:

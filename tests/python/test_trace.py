@@ -149,8 +149,6 @@ def test_a_digest_waits_for_its_ticks(file, records):
     made.start()
     made.stop()
     assert burrlab.load_trace(file).digests == ((40, start), (1540, end))
-    with pytest.raises(ValueError, match="digest must be 32 hexadecimal digits, got 'xyz'"):
-        made.add_digest(1, "xyz")
 
 
 def test_a_full_disk_ends_recording_at_a_tick_and_says_so_at_once(file, records):
@@ -250,7 +248,6 @@ def test_frames_and_columns(file, monkeypatch):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"duration": float("nan")}, "duration must be positive, got nan"),
         ({"limit": object()}, "note must be what JSON holds"),
         ({"limit": float("nan")}, "note must be what JSON holds"),
     ],

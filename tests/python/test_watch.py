@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
 from effects_scenes import bone_with_tissues
-from session_scenes import ended, refused, session_of, writer
+from session_scenes import ended, refused, session_of
 
 from burrlab import (
     VoxelBone,
@@ -245,15 +245,6 @@ def test_what_is_refused(recorded, call, sentence) -> None:
 def test_limits_and_structures_by_name() -> None:
     watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
     assert (watch.limits[0].approach, watch.structures) == (1.0, ("nerve",))
-
-
-def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
-    made = writer(tmp_path / "x.h5")
-    refused(
-        (lambda: made.add_events(np.zeros(0)), "events must be of a trace with a watch"),
-        (lambda: made.set_watched(None), "what was watched must be of a trace with a watch"),
-    )
-    made.stop()
 
 
 def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:

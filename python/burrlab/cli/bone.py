@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import burrlab
 from burrlab._core import Burr, Material, Tissue, Tissues, VoxelBone
 from burrlab.bone.image import LabelVolume, OccupancyMap, OnGrid, Volume
 from burrlab.bone.kept import check_drilled, save_drilled
-from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
 from burrlab.bone.slices import is_stack
 from burrlab.bone.snapshot import check_bone_file, holds_bone, save_bone
@@ -51,7 +51,6 @@ from burrlab.cli.recipe import (
 )
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import write_text
-from burrlab.theory.continuum import Law
 from burrlab.theory.tool import law_of
 
 _BLOCK = (30.0, 30.0, 10.0)  # the block of a session without a volume, top at z = 0 [mm]
@@ -279,7 +278,7 @@ def template(labels: LabelVolume) -> Tissues:
     """
     counts = label_counts(labels.labels, labels.path)
     check_count(counts, f"{labels.path}: ")
-    bone = materials["bone"]
+    bone = burrlab.materials["bone"]
     rows: list[Tissue] = []
     for label in counts:
         name = labels.names.get(label, UNLABELLED if label == 0 else f"structure {label}").strip()
@@ -313,7 +312,7 @@ def _tissue_rows(tissues: Tissues | None) -> list[dict[str, Any]]:
 
 def _law_text(tissues: Tissues | None) -> list[str]:
     """A line on the law of a table, where it is not the paper's."""
-    return [f"law: {Law.of(tissues.material)}"] if tissues and law_of(tissues.material) else []
+    return [f"law: {burrlab.Law.of(tissues.material)}"] if tissues and law_of(tissues.material) else []
 
 
 def do_tissues(options: Options) -> None:

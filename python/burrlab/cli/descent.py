@@ -157,29 +157,28 @@ def do_compare(options: Options) -> None:
     same = [file for file in options.file if options.file.count(file) > 1]
     refuse(same, f"needs another FILE.csv for each data set: got {same[0] if same else ''} twice")
     options.indentation, options.trace = [], []
-    curves, fits = [x for x in _data(options) if isinstance(x, burrlab.VelocityCurve)], []
+    curves = [x for x in _data(options) if isinstance(x, burrlab.VelocityCurve)]
     names = ["standard input" if file == "-" else file for file in options.file]
     if options.by is not None:
         names, curves = map(list, zip(*curves[0].split(options.by).items(), strict=True))
-    for curve in curves:
-        sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
-        fits.append(
-            burrlab.fit(
-                curve,
-                law=chosen_law(options),
-                residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
-                **_effects(options),
-            )
+    known = [curve.sigma is not None and np.isfinite(curve.sigma[curve.ok]).all() for curve in curves]
+    fits = [
+        burrlab.fit(
+            curve,
+            law=chosen_law(options),
+            residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
+            **_effects(options),
         )
+        for curve, sigma in zip(curves, known, strict=True)
+    ]
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     deliver(options, result.to_dict(), result.report(), result.plot)
 
 
 def do_laws(options: Options) -> None:
-    named = {} if options.laws is None else {"laws": options.laws}
     result = burrlab.compare_laws(
         _data(options), level=options.level, residuals=options.residuals, uncertain=options.uncertain,
-        progress=on_terminal(), **named,
+        progress=on_terminal(), **({} if options.laws is None else {"laws": options.laws}),
     )  # fmt: skip
     deliver(options, result.to_dict(), result.report(), lambda: result.plot()[0])
 

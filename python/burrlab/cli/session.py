@@ -19,7 +19,6 @@ import burrlab
 from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
 from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
-from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, holds_bone, save_bone
 from burrlab.cli.bone import BoneStart, chosen_start, rescued
@@ -53,7 +52,6 @@ from burrlab.session.exchange import (
     parse_device,
 )
 from burrlab.session.haply import HeldDevice
-from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.view.film import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
@@ -171,13 +169,12 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
-    publish = burrlab.Publish(
-        port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
-    ) if published else None  # fmt: skip
     session = burrlab.Session(
         burrlab.StartingBone(start.bone, start.tick, start.source), [(burr, start.material)] * len(devices),
         _placed(devices, options, start.place), seed=options.seed, duration=options.duration, record=options.record,
-        watch=watch, on_message=say, publish=publish,
+        watch=watch, on_message=say, publish=burrlab.Publish(
+            port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
+        ) if published else None,
         clock=burrlab.Clock(rate=options.rate, wall_clock=not options.virtual_clock, realtime=not options.no_realtime),
         safety=burrlab.Safety(
             force_limit=options.force_limit, slew_limit=options.slew_limit, limits=_limits(options.model), ramp=options.ramp,
@@ -318,11 +315,11 @@ def do_replica(options: Options) -> int:
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
-    with working(f"making the bone of the session at {host}, port {port}, and what it watches"):
-        try:
-            replica = follow(host, port, volume=options.volume)
-        except FileNotFoundError as error:
-            raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
+    with (
+        working(f"making the bone of the session at {host}, port {port}, and what it watches"),
+        amend_error(after="; --volume says where the leader's volume lies here", kinds=(FileNotFoundError,)),
+    ):
+        replica = follow(host, port, volume=options.volume)
     say(f"following {host}, port {port}")
     interrupted, events_printed = False, 0
     effects = start_effects(options, replica)
@@ -387,13 +384,14 @@ def do_replay(options: Options) -> int:
 
 def do_metrics(options: Options) -> None:
     refuse_options(options, ("onto",), "goes with --target", options.target is None)
-    wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
+    names = ("threshold", "hysteresis")
+    wanted = {name: limit for name in names if (limit := getattr(options, name)) is not None}
     target = None
     if is_recording(options.file):
         refuse_options(options, ("target", "watch", *LIMITS), "goes with a trace")
         recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
         with warnings_said():
-            metrics = session_metrics(recording, burr=options.burr, **wanted)
+            metrics = burrlab.session_metrics(recording, burr=options.burr, **wanted)
     else:
         refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
         trace = burrlab.load_trace(options.file)
@@ -401,7 +399,7 @@ def do_metrics(options: Options) -> None:
             target = burrlab.read_labels(options.target)
             # A wrong target is refused before the work.
             compare_with_target(trace.bone(), target, onto=options.onto)
-        metrics = session_metrics(trace, burr=options.burr, **wanted)
+        metrics = burrlab.session_metrics(trace, burr=options.burr, **wanted)
         watch_chosen = watch_asked_for(options)
         # The report was not recorded, the session was killed, or another watch is wanted.
         if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
@@ -486,13 +484,12 @@ def _bone_to_export(options: Options) -> tuple[VoxelBone, int, str, NDArray[np.f
         return again.bone, again.tick, trace.source, np.eye(3)
     refuse_options(options, ("until",), "goes with a trace")
     kept = None if options.file is None else DrilledRecipe(options.file)
-    recipe = kept or chosen_recipe(options, materials["bone"])
+    recipe = kept or chosen_recipe(options, burrlab.materials["bone"])
     assert recipe is not None
     if kept is None:
         say_notes(recipe)
     source = json.dumps({**recipe.plain(), "notes": list(recipe.notes())})
-    of_image = kept is not None and not holds_bone(options.file)
-    axes = kept.grid().direction if kept and of_image else np.eye(3)
+    axes = kept.grid().direction if kept and not holds_bone(options.file) else np.eye(3)
     return recipe.bone(), getattr(recipe, "tick", 0), source, axes
 
 

@@ -154,11 +154,15 @@ def export_volumetric_drilling(
                 pose_mastoidectomy_volume=np.tile(grid.pose(trace._bone), (len(rows), 1)),
             )
             _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
-            wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
-            _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
+            _put(
+                group("drill_force_feedback"), time_stamp=stamps,
+                wrench=np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))]),
+            )  # fmt: skip
             size = max(1, round(2 * trace.tools[burr][0].radius))
-            sizes = np.array([size], np.int64 if layout == "new" else np.int32)
-            _put(group("burr_change"), time_stamp=np.array([start]), burr_size=sizes)
+            _put(
+                group("burr_change"), time_stamp=np.array([start]),
+                burr_size=np.array([size], np.int64 if layout == "new" else np.int32),
+            )  # fmt: skip
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 
 
@@ -252,9 +256,9 @@ def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> N
     bricks = take_changed_bricks(bone)
     now, before = (read_bricks(each_bone, bricks).astype(np.int16) for each_bone in (bone, start))
     brick, voxel = np.nonzero((before >= _BONE) & (2 * now < before))  # both are 0 outside the bone
-    counts = [-(-n // 8) for n in bone.shape]
-    corner, within = np.unravel_index(bricks[brick], counts), np.unravel_index(voxel, (8, 8, 8))
-    voxels: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)
+    corner = np.column_stack(np.unravel_index(bricks[brick], [-(-n // 8) for n in bone.shape]))
+    within = np.column_stack(np.unravel_index(voxel, (8, 8, 8)))
+    voxels: NDArray[np.int64] = np.unique(8 * corner + within, axis=0)
     voxels = voxels[~gone[tuple(voxels.T)]]
     gone[tuple(voxels.T)] = True
     return voxels

@@ -56,8 +56,11 @@ class SessionAnatomy:
 
     def watched(self, known: int = 0) -> Watched:
         """All that was seen so far, without the first `known` events."""
-        removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
-        return Watched.of(None if self.watch is None else self._follower.watched(known), removed, self._burrs)
+        return Watched.of(
+            None if self.watch is None else self._follower.watched(known),
+            self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64),
+            self._burrs,
+        )
 
     def closest(self, structure: str) -> NDArray[np.float64]:
         """(burrs,) least distance of each burr's surface to a watched structure so far [mm]."""
@@ -98,11 +101,10 @@ def status_text(status: Mapping[str, Any]) -> str:
     status : mapping
         `Replica.status` with the bone's `digest`, and `interrupted` if its user did so.
     """
-    how = "failed" if status["failed"] else "ended"
-    end = "interrupted" if status.get("interrupted") else f"{how} ({status['reason']})"
+    end = f"{'failed' if status['failed'] else 'ended'} ({status['reason']})"
     dropped = [f"{count} {reason}" for reason, count in status["dropped"].items() if count]
     return "\n".join([
-        f"{end}: tick {status['tick']}, digest {status['digest']}",
+        f"{'interrupted' if status.get('interrupted') else end}: tick {status['tick']}, digest {status['digest']}",
         f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
         f"ticks with another result: {status['differing_ticks']}",
         f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
@@ -162,9 +164,11 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     settings = dict(hello.get("watch") or {})
     voxel_volume = float(np.prod(bone.spacing))
     volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
-    removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
     return AnatomyReport.of(
-        Watched.of(replica.watched() if settings else None, removed, len(hello["tools"])),
+        Watched.of(
+            replica.watched() if settings else None,
+            np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64), len(hello["tools"]),
+        ),
         bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume,
     )  # fmt: skip
 

@@ -240,6 +240,9 @@ def session_metrics(
     speed, jerk, path = _motion(center, motion_time)
     strokes, stroking = _strokes(center, motion_time, time, touching, hysteresis)
     squared = float((jerk**2).mean()) if len(jerk) else math.nan
+    cut = 0
+    if isinstance(trace, Trace):
+        cut = Border(trace._bone).count_cut(trace.array("center_mm", burr), trace.tools[burr][0].radius)
     metrics = SessionMetrics(
         duration=duration, contact=contact, cutting=cutting, removed=removed,
         removal_rate=removed / cutting if cutting else 0.0, path=path,
@@ -252,12 +255,10 @@ def session_metrics(
         normalised_jerk=math.sqrt(0.5 * squared * duration**6) / path if path > 0 else math.nan, burr=burr,
         series={"time": time, "force": force, "removed": volume, "motion_time": motion_time, "speed": speed},
         anatomy=AnatomyReport.recorded(trace) if isinstance(trace, Trace) else None, structures=structures,
+        notes=(f"{CUT} ({cut} of {len(time)} ticks)",) if cut else (),
     )  # fmt: skip
-    changes: dict[str, Any] = dict.fromkeys(absent, math.nan)
-    if isinstance(trace, Trace):
-        cut = Border(trace._bone).count_cut(trace.array("center_mm", burr), trace.tools[burr][0].radius)
-        changes["notes"] = (f"{CUT} ({cut} of {len(trace)} ticks)",) if cut else ()
-    return replace(metrics, **changes)
+    unknown: dict[str, Any] = dict.fromkeys(absent, math.nan)
+    return replace(metrics, **unknown)
 
 
 def _mean(values: Array, step: Array, where: NDArray[np.bool_]) -> float:
@@ -288,8 +289,11 @@ def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:
     grid = time[1] - time[0]
     velocity = np.gradient(center, grid, axis=0)
     jerk = np.gradient(np.gradient(velocity, grid, axis=0), grid, axis=0)
-    path = float(np.linalg.norm(np.diff(center, axis=0), axis=1).sum())
-    return np.linalg.norm(velocity, axis=1), np.linalg.norm(jerk, axis=1), path
+    return (
+        np.linalg.norm(velocity, axis=1),
+        np.linalg.norm(jerk, axis=1),
+        float(np.linalg.norm(np.diff(center, axis=0), axis=1).sum()),
+    )
 
 
 def _strokes(

@@ -132,10 +132,9 @@ def follow(
     copy = make_bone(recipe, volume=volume) if bone is None else bone.copy()
     if copy.tissues is not None:  # a hello does not say where a material's values are from
         known = copy.tissues.material
-        described = [(m.name, constants_of(m)) for m in (known, *(m for _, m in tools))]
         tools = [
-            (b, known if described[0] == description else m)
-            for (b, m), description in zip(tools, described[1:], strict=True)
+            (b, known if (m.name, constants_of(m)) == (known.name, constants_of(known)) else m)
+            for b, m in tools
         ]
     replica.start(
         copy, tools, seed, period=period, scheme=scheme, watch=_watch(copy, hello.get("watch"), tools)

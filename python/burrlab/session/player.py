@@ -57,10 +57,6 @@ class BrickHistory:
         """Tick of the newest state at or before a tick."""
         return self._states[self._behind(tick) - 1][0]
 
-    def after(self, tick: int) -> int | None:
-        """Tick of the first state after a tick; None if there is none."""
-        return next((state[0] for state in self._states[self._behind(tick) :]), None)
-
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
         """Keeps the state at a tick after the newest one; `bricks` are all that changed since then."""
         if tick > self.last:
@@ -354,7 +350,7 @@ class _TickCursor:
         while self.done < done:
             with self._kept.lock:
                 step = self._every << self._kept.thinned
-                key = self._kept.after(self.done) or max(self._kept.last, self.done + 1 - step) + step
+                key = max(self._kept.last, self.done + 1 - step) + step  # no kept state lies on the way
             end = min(done, key, self.done + _BATCH)
             self._executor.execute(inputs(self._trace.ticks[self.done : end]))
             self.done = end
@@ -435,8 +431,9 @@ class RecordingPlayer:
         self._radius = _held(motion.radius_time, motion.radius, 1)
         ends = [times[-1:] for times in (time, self._when, motion.force_time) if times is not None]
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
-        force = np.linalg.norm(self._force(time), axis=1, keepdims=True)
-        self.history = History(time, force, np.full((len(time), 1), np.nan))
+        self.history = History(
+            time, np.linalg.norm(self._force(time), axis=1, keepdims=True), np.full((len(time), 1), np.nan)
+        )
         empty, notes = int(np.count_nonzero(self._level == 0)), list(motion.notes)
         if 2 * empty > len(self._level):
             notes.insert(1, f"{empty} of {len(self._level)} removed voxels are empty in this bone")

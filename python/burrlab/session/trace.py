@@ -407,8 +407,11 @@ class Trace:
         """
         columns = {name: self.array(name, burr) for name in TICK_COLUMNS}
         for name in BURR_COLUMNS:
-            scalars = np.atleast_2d(self.array(name, burr).T)
-            columns |= zip(_components(name, BURR_DTYPE[name].shape), scalars, strict=True)
+            columns |= zip(
+                _components(name, BURR_DTYPE[name].shape),
+                np.atleast_2d(self.array(name, burr).T),
+                strict=True,
+            )
         return columns
 
     def to_dataframe(self, burr: int = 0) -> "pandas.DataFrame":

@@ -75,12 +75,15 @@ class BrickHistory:
         levels = read_bricks(self._initial, bricks)
         wanted = np.zeros(math.prod(-(-n // 8) for n in self._initial.shape), bool)
         wanted[bricks] = True
-        for _, saved, content in self._states[
-            self._behind(tick) - 1 : 0 : -1
-        ]:  # the newest that holds a brick
+        left = len(bricks)
+        states = self._states[self._behind(tick) - 1 : 0 : -1]
+        for _, saved, content in states:  # newest first: the first that holds a brick is right
             rows = np.flatnonzero(wanted[saved])
             levels[np.searchsorted(bricks, saved[rows])] = content[rows]
             wanted[saved[rows]] = False
+            left -= len(rows)
+            if not left:
+                break
         return levels
 
     def _behind(self, tick: int) -> int:

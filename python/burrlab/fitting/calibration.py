@@ -6,8 +6,7 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy
-from scipy import special
+from scipy import optimize, special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
@@ -224,7 +223,14 @@ class MixedCalibration:
     @property
     def freedom_of_sum(self) -> float:
         """nu at which F with 2 and nu has the 95 % limit of two squares of t, see `freedoms`."""
-        return _freedom_of_sum(*self.freedoms)
+        least, across = self.freedoms
+        squares = special.stdtrit(least, (np.arange(_NODES) + 0.5) / _NODES) ** 2
+
+        def beyond(limit: float) -> float:
+            """Probability that the sum lies beyond a limit, over 5 %."""
+            return float(np.mean(special.fdtrc(1, across, np.maximum(limit - squares, 0.0)))) - 0.05
+
+        return _freedom_at(2, float(optimize.brentq(beyond, 1.0, 1e6)) / 2)
 
     def probability_of_sum(self, squares: float) -> float:
         """p-value of two squares of t, see `freedoms`; F with 2 and `freedom_of_sum` has it at 5 % alone."""
@@ -303,17 +309,6 @@ class MixedCalibration:
         return (apart, bias) if larger and self.variances is not None else (freedom, bias * smaller)
 
 
-def _freedom_of_sum(a: float, b: float) -> float:
-    """nu at which 2 F with 2 and nu degrees of freedom has the 95 % limit of t^2 with a plus another t^2 with b."""
-    squares = special.stdtrit(a, (np.arange(_NODES) + 0.5) / _NODES) ** 2
-
-    def beyond(limit: float) -> float:
-        """Probability that the sum lies beyond a limit."""
-        return float(np.mean(special.fdtrc(1, b, np.maximum(limit - squares, 0.0)))) - 0.05
-
-    return _freedom_at(2, float(scipy.optimize.brentq(beyond, 1.0, 1e6)) / 2)
-
-
 def _freedom_at(number: int, limit: float) -> float:
     """nu at which F with a number and nu degrees of freedom has a 95 % limit; 1e9 at most."""
 
@@ -321,7 +316,7 @@ def _freedom_at(number: int, limit: float) -> float:
         return float(special.fdtri(number, np.exp(log_nu), 0.95)) - limit
 
     few, many = np.log(0.5), np.log(1e9)
-    return float(np.exp(many if above(many) >= 0 else scipy.optimize.brentq(above, few, many)))
+    return float(np.exp(many if above(many) >= 0 else optimize.brentq(above, few, many)))
 
 
 AnyCalibration: TypeAlias = Calibration | MixedCalibration

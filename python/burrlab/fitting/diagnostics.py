@@ -5,18 +5,16 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
-from scipy import special
+from scipy import sparse, special
 
-from burrlab._core import Shape
 from burrlab.bone.materials import materials
 from burrlab.common.progress import doing
 from burrlab.common.table import holm, probability_text
 from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import ConfidenceInterval, Domain, Walk, lowest, ranges
+from burrlab.fitting.profile import ConfidenceInterval, Domain, Walk, c_e_interval, lowest
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT
@@ -54,22 +52,6 @@ class HypothesisTest:
         return self.sentence
 
 
-def judged(statistic: float, *freedom: float) -> tuple[float, str]:
-    """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
-    first, *second = freedom
-    rise = max(statistic, 0.0)
-    p = float(special.fdtrc(first, second[0], rise) if second else special.chdtrc(first, rise))
-    freedom_text = ", ".join(
-        f"{number_of:.3g}" if isinstance(number_of, float) else f"{number_of}" for number_of in freedom
-    )
-    number = (
-        f"F({freedom_text}) = {statistic:.3g}"
-        if len(freedom) > 1
-        else f"chi-square {statistic:.3g} of {freedom_text}"
-    )
-    return p, f"{number}, {probability_text(p)}"
-
-
 def concluded(
     name: str,
     statistic: float,
@@ -77,12 +59,18 @@ def concluded(
     sentence: str,
     holds: str = "",
     fails: str = "",
+    most: float = np.inf,
 ) -> HypothesisTest:
-    """A test by F or chi-square. In its sentence stand {outcome} and, for `holds` or where p < 5 % `fails`, {so}."""
-    p, outcome = judged(statistic, *freedom)
-    return HypothesisTest(
-        name, statistic, freedom, p, sentence.format(so=holds if p >= 0.05 else fails, outcome=outcome)
-    )
+    """A test by F, or by chi-square where `freedom` is one number; more than `most` count as so many.
+
+    In its sentence stand {outcome} and, for `holds` or where p < 5 % `fails`, {so}.
+    """
+    used, rise = [min(number, most) for number in freedom], max(statistic, 0.0)
+    p = float(special.fdtrc(used[0], used[1], rise) if len(used) > 1 else special.chdtrc(used[0], rise))
+    of = ", ".join(f"{number:.3g}" if isinstance(number, float) else f"{number}" for number in used)
+    outcome = f"F({of}) = {statistic:.3g}" if len(used) > 1 else f"chi-square {statistic:.3g} of {of}"
+    text = sentence.format(so=holds if p >= 0.05 else fails, outcome=f"{outcome}, {probability_text(p)}")
+    return HypothesisTest(name, statistic, freedom, p, text)
 
 
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
@@ -110,23 +98,21 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     J, r = likelihood.about_curves(*point)
     if not len(r):
         return None
-    S, parameters = float(np.sum(r**2)), 2 if J.shape[1] == 2 else _orthonormal(J).shape[1]
+    S, parameters = float(np.sum(r**2)), 2 if J.shape[1] == 2 else orthonormal(J).shape[1]
     if likelihood.known:
         nu = likelihood.n - parameters
         if nu < 1:
             return None
         text = "The scatter {so} the given sigma: {outcome}."
         test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
-        if 1 - test.p_value < POOR:
-            factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
-            return replace(test, sentence=(
-                f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
-                f"chi-square {S:.3g} of {nu}, {probability_text(1 - test.p_value)} for one so small."
-            ))  # fmt: skip
-        return test
+        factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
+        return test if 1 - test.p_value >= POOR else replace(test, sentence=(
+            f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
+            f"chi-square {S:.3g} of {nu}, {probability_text(1 - test.p_value)} for one so small."
+        ))  # fmt: skip
     o = likelihood.observations
-    apart = [o.sets] if J.shape[1] > 2 else []  # data sets may have effects of their own
-    levels = [group.velocity for group in (*apart, *o.groups)]
+    levels = [group.velocity for group in o.groups]
+    levels += [o.sets.velocity] if J.shape[1] > 2 else []  # data sets may have effects of their own
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end, *levels], axis=1)[o.run < 0]
     F, freedom = against_repeats(S, r, columns, parameters)
     return concluded(
@@ -324,11 +310,10 @@ class Goodness:
             return self.test.sentence
         if not self.poor or self.test is None:
             return ""
-        wider = (
-            f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it." if self.inflation > 1 else ""
-        )
         model = "model or their sigma" if len(self.test.freedom) == 1 else "model"
-        return f"The data contradict the {model}. {self.test.sentence}{wider}"
+        text = f"The data contradict the {model}. {self.test.sentence}"
+        wider = f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it."
+        return text + wider * (self.inflation > 1)
 
 
 def goodness(
@@ -352,16 +337,14 @@ def goodness(
 
 def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     """Whether the rows alone agree with each value that was given as known."""
-    tests = []
-    for (name, value, deviation), (rise, nu) in zip(
-        likelihood.beliefs, likelihood.belief_rises(), strict=False
-    ):
-        p, outcome = judged(rise, 1, min(nu, 999.0))
-        tests.append(HypothesisTest(f"known {name}", rise, (1, nu), p, (
-            f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone "
-            f"{'contradict' if p < 0.05 else 'do not contradict'} it, {outcome}."
-        )))  # fmt: skip
-    return tests
+    return [
+        concluded(
+            f"known {name}", rise, (1, nu),
+            f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone {{so}} it, {{outcome}}.",
+            "do not contradict", "contradict", 999.0,
+        )
+        for (name, value, deviation), (rise, nu) in zip(likelihood.beliefs, likelihood.belief_rises(), strict=False)
+    ]  # fmt: skip
 
 
 def rms_off(likelihood: Likelihood, point: Point) -> float:
@@ -379,8 +362,7 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     x = np.log(o.force / o.radius**2)[o.run < 0]
     if not len(x):
         return None
-    basis = _orthonormal(J)
-    bend = (x - x.mean()) ** 2
+    basis, bend = orthonormal(J), (x - x.mean()) ** 2
     rest = bend - basis @ (basis.T @ bend)
     below = len(x) - basis.shape[1] - 1
     if below < 2 or rest @ rest < 1e-6 * (bend @ bend):
@@ -430,7 +412,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         if levels.max() + 1 <= min(n / 2, _FORCES)
         else np.stack([x**k for k in range(5)], axis=1)
     )
-    basis = _orthonormal(np.column_stack([J, smooth]))
+    basis = orthonormal(np.column_stack([J, smooth]))
     e, below = r - basis @ (basis.T @ r), n - basis.shape[1]
     if below < 6 or e @ e <= 1e-20 * max(float(r @ r), 1e-300):
         return []
@@ -448,7 +430,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
             "into account."
         )))  # fmt: skip
         correlation, p = _form(
-            scipy.sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
+            sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
         )
         tests.append(HypothesisTest("neighbours", correlation, (below,), 1 - p, (
             f"Rows beside each other are alike beyond their force, {probability_text(1 - p)}: if they are of days or specimens, "
@@ -456,7 +438,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         )))  # fmt: skip
     if levels.max() == 0:
         return tests
-    change, p = _form(scipy.sparse.diags_array(x), basis, e, float(x.min()), float(x.max()))
+    change, p = _form(sparse.diags_array(x), basis, e, float(x.min()), float(x.max()))
     p = 2 * min(p, 1 - p)
     tests.append(HypothesisTest("scatter", change, (below,), p, (
         f"The scatter {'rises' if change > 0 else 'falls'} with the force, {probability_text(p)}."
@@ -497,7 +479,7 @@ def against_order(tests: Sequence[HypothesisTest]) -> list[HypothesisTest]:
     return [test for test, p in zip(ranked, holm([x.p_value for x in ranked]), strict=True) if p < ORDER]
 
 
-def _orthonormal(J: Floats) -> Floats:
+def orthonormal(J: Floats) -> Floats:
     """An orthonormal basis of the columns; on a ridge both are one."""
     U, s, _ = np.linalg.svd(J, full_matrices=False)
     return np.asarray(U[:, s > 1e-6 * s[0]])
@@ -673,7 +655,7 @@ def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) ->
 
 def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Floats, Floats, float]:
     """Leverages and externally studentised residuals of rows, and Bonferroni's limit at 5 %."""
-    basis = _orthonormal(J)
+    basis = orthonormal(J)
     n, p = basis.shape
     r = r - basis @ (basis.T @ r)
     leverage, below = np.sum(basis**2, axis=1), max(n - p - 1, 1)
@@ -696,7 +678,7 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
     except ValueError:  # too few forces are left
         return _NO_FIT
     best = lowest(rest, domain).point
-    return *best, ranges(rest, rest.calibration(*best), domain, best, 0.0).intervals["c_e"]["95"]
+    return *best, c_e_interval(rest, domain, best)
 
 
 @dataclass(frozen=True)
@@ -724,7 +706,6 @@ class Plausibility:
 
 def plausibility(
     likelihood: Likelihood,
-    shape: Shape,
     calibration: AnyCalibration,
     base: float,
     point: Point,
@@ -738,7 +719,7 @@ def plausibility(
     """
     o = likelihood.observations
     c_e, alpha = (plausible.get(name, PLAUSIBLE[name]) for name in ("c_e", "alpha"))
-    if alpha == PLAUSIBLE["alpha"] and shape.name != "parabolic":
+    if alpha == PLAUSIBLE["alpha"] and likelihood.model.shape.name != "parabolic":
         alpha = (0.0, np.inf)
 
     def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:

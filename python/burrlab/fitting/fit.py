@@ -228,8 +228,7 @@ def fit(
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
     components = components_of(observations, uncertain, (*estimate, *apart))
     mixed = bool(components or beliefs)
-    kind = _likelihood_kind(observations, residuals, mixed)
-    _check_voxels(voxels, observations.slow.size, {"surface", "radius"} & {*(uncertain or {}), *estimate})
+    kind = _likelihood_kind(observations, residuals, mixed, voxels, {*(uncertain or {}), *estimate})
     seed = 0 if voxels is None else seed_or_new(voxels.seed)  # the mean field draws nothing
     likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
@@ -261,7 +260,7 @@ def fit(
     if not failure:
         lack = lack_of_fit(likelihood, best.end)
         hit = bound_reached(observations, box, best.end)
-        evidence = _weighed(likelihood, shape, domain, best.end, table, sets, bounds, plausible, hit, lack)
+        evidence = _weighed(likelihood, domain, best.end, table, sets, bounds, plausible, hit, lack)
         status, reason = status_of(
             len(observations), hit, searches, best, evidence.ridge, missed, evidence.doubt
         )
@@ -365,9 +364,8 @@ def _engine(engine: str | VoxelEngine) -> VoxelEngine | None:
         not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
         f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
     )
-    if isinstance(engine, VoxelEngine):
-        return engine
-    return VoxelEngine() if engine == "voxel" else None
+    engine = VoxelEngine() if engine == "voxel" else engine
+    return engine if isinstance(engine, VoxelEngine) else None
 
 
 def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:
@@ -389,8 +387,14 @@ def _around(beliefs: Beliefs) -> Bounds:
     return {name: (value / factor, value * factor) for name, (value, factor) in reach.items()}
 
 
-def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed: bool) -> LikelihoodKind:
-    """What residuals are of; ValueError where the rows do not go with it."""
+def _likelihood_kind(
+    observations: Observations,
+    residuals: ResidualKind,
+    mixed: bool,
+    voxels: VoxelEngine | None,
+    offsets: set[str],
+) -> LikelihoodKind:
+    """What residuals are of; ValueError where the rows do not go with it, or rows and offsets not with the engine."""
     refuse(
         mixed and residuals not in ("relative", "sigma"),
         "residuals must be 'relative' or 'sigma' with groups, offsets or known values, or groups=() leave them out: got "
@@ -404,13 +408,11 @@ def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed:
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
-    return "log-sigma" if mixed and residuals == "sigma" else residuals
-
-
-def _check_voxels(voxels: VoxelEngine | None, n_slow: int, lengths: set[str]) -> None:
     if voxels is not None:
-        refuse(n_slow, "runs that were too slow need the mean-field engine")
+        refuse(observations.slow.size, "runs that were too slow need the mean-field engine")
+        lengths = offsets & {"surface", "radius"}
         refuse(lengths, f"the voxel engine takes offsets of force alone: got {min(lengths, default='')}")
+    return "log-sigma" if mixed and residuals == "sigma" else residuals
 
 
 def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs:
@@ -470,10 +472,18 @@ def _searched(
     end = best.point
     origin, begun_at = begin or ("walk along c_e", end)
     walk = Start(origin, begun_at, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
-    ends = [walk]
-    for point in (end, *(minimum.point for minimum in ([] if likelihood.uneven else lowest_points[1:]))):
-        if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
-            ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
+    begins = [
+        point
+        for point in (end, *(minimum.point for minimum in ([] if likelihood.uneven else lowest_points[1:])))
+        if equally_good(likelihood.objective(*point), walk, len(likelihood.observations))
+    ]
+    ends = [
+        walk,
+        *(
+            minimise(likelihood.objective, box, point, origin=f"BOBYQA {k}")
+            for k, point in enumerate(begins, 1)
+        ),
+    ]
     lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
     missed = lowest_points[0].minus2 - lowest
     return tuple(ends), 0.0 if likelihood.uneven and missed < _STEPS else missed
@@ -566,7 +576,6 @@ def minimise(
 
 def _weighed(
     likelihood: Likelihood,
-    shape: Shape,
     domain: Domain,
     best: tuple[float, float],
     table: VoxelTable | None,
@@ -581,7 +590,6 @@ def _weighed(
     Parameters
     ----------
     likelihood : Likelihood
-    shape : Shape
     domain : Domain
         Range of the intervals.
     best : (float, float)
@@ -604,10 +612,8 @@ def _weighed(
     calibration = likelihood.calibration(*best)
     profiled = profile(likelihood, calibration, domain, best, exponent)
     if table is not None:
-        monte_carlo = monte_carlo_share(
-            likelihood, shape, table, best, profiled.intervals["c_e"]["95"].upper is None
-        )
-        calibration = replace(calibration, monte_carlo=monte_carlo)
+        c_e_open = profiled.intervals["c_e"]["95"].upper is None
+        calibration = replace(calibration, monte_carlo=monte_carlo_share(likelihood, table, best, c_e_open))
         profiled = profile(likelihood, calibration, domain, best, exponent)
     known = belief_tests(likelihood)
     fits, unscaled = goodness(likelihood, best, lack, known + against_indentation(likelihood, best)), None
@@ -619,7 +625,7 @@ def _weighed(
         lowest = int(np.argmin(profiled.c_e_rise))
         better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
     likely = None if plausible is None else plausibility(
-        likelihood, shape, calibration, profiled.base, best, plausible,
+        likelihood, calibration, profiled.base, best, plausible,
         not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max()))),
     )  # fmt: skip
     rows = influence(likelihood, best, data, bounds, every=False)
@@ -641,7 +647,6 @@ def _weighed(
         mixed,
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if hit else ""
-    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
     effects = mixed.effects if mixed else ()
     texts = (
         fits.sentence,
@@ -656,7 +661,7 @@ def _weighed(
         ),
         *silent_groups(o, effects),
         *(test.sentence for test in known if test.sentence not in fits.sentence),
-        conclusion,
+        sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status),
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, effects, calibration, profiled.identified),
         next_law(likelihood, fits.poor),
@@ -676,16 +681,12 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
     if likelihood.pressed_known:
         residuals["pressed"] = o.pressed_residuals(c_e, True)
     r = np.concatenate([residuals[kind][rows] for kind, rows in o.rows])
-    chi2 = (
-        float(np.sum(((o.velocity - predicted["velocity"]) / o.sigma) ** 2) / (len(o.force) - 2))
-        if o.has_sigma and usable
-        else None
-    )
+    chi2 = np.sum(((o.velocity - predicted["velocity"]) / o.sigma) ** 2) / (len(o.force) - 2)
     return {
         "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
         "residuals": r,
         "residual_norm": float(np.sqrt(np.mean(r**2))),
-        "chi2_reduced": chi2,
+        "chi2_reduced": float(chi2) if o.has_sigma and usable else None,
         "n_points": len(o),
         "n_skipped": o.n_skipped,
         "n_censored": o.n_censored,

@@ -4,18 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
-from scipy import special
+from scipy import optimize, special
 
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value, probability_text
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
-from burrlab.fitting.diagnostics import restarting
+from burrlab.fitting.diagnostics import orthonormal, restarting
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.linear import EACH, OFFSETS, LinearModel, MixedEquations, components_of, moved_by
 from burrlab.fitting.mixed import MILLION, MixedLikelihood
 from burrlab.fitting.observations import Floats, Observations
-from burrlab.fitting.profile import ALPHA, Combination, ConfidenceInterval, Domain, ranges
+from burrlab.fitting.profile import ALPHA, Combination, ConfidenceInterval, Domain, c_e_interval
 
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
@@ -102,8 +101,8 @@ class MixedEvidence:
         for k, block in enumerate(model.blocks):
             if model.components[k].sought and model.estimated:  # such as of two drills on days of their own
                 told = at_best.uncertainty(block)
-                each = [told.variance(one) for one in np.eye(len(told.covariance))]
-                errors[block], freedoms[k] = np.sqrt([x for x, _ in each]), min(nu for _, nu in each)
+                variances, nus = zip(*map(told.variance, np.eye(len(told.covariance))), strict=True)
+                errors[block], freedoms[k] = np.sqrt(variances), min(nus)
         effects = tuple(
             MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
@@ -159,9 +158,8 @@ def effect_sentences(
             sentences.append(
                 "Whether c_e differs between specimens cannot be known from fewer than three: its interval is for these two."
             )
-    sentences += (
-        _offset_sentences(likelihood, effects, identified) if isinstance(likelihood, MixedLikelihood) else []
-    )
+    if isinstance(likelihood, MixedLikelihood):
+        sentences += _offset_sentences(likelihood, effects, identified)
     if isinstance(calibration, MixedCalibration) and any(x.interval for x in effects):
         of_alpha, best = (calibration.freedom(d) for d in (ALPHA, np.array([-identified.exponent, 1.0])))
         alpha_rests, best_rests = (f"{nu:.2g}" if nu < 100 else "over 100" for nu in (of_alpha, best))
@@ -202,11 +200,7 @@ def _offset_sentences(
                     f"{probability_text(level.p_value)})."
                 )
         elif x.deviation is None:
-            last = (
-                f"of {component.group.name} to the last of the longest"
-                if component.restarts
-                else "to the last"
-            )
+            last = f"of {x.group} to the last of the longest" if component.restarts else "to the last"
             what = f"The {x.quantity} is off by" if unit else f"From the first run {last} ln v changes by"
             low, high = x.ends
             sentences.append(
@@ -232,14 +226,14 @@ def _offset_sentences(
 
 def what_opens(likelihood: Likelihood, domain: Domain, point: tuple[float, float], ridge: float) -> str:
     """Which offsets leave c_e without an upper end, for a fit where it has none, in a sentence; or nothing."""
-    opening: list[str] = []
     if not isinstance(likelihood, MixedLikelihood):
         return ""
-    for component in likelihood.components:
-        if component.quantity in (*OFFSETS, "order"):
-            rest = likelihood.without(component)
-            interval = ranges(rest, rest.calibration(*point), domain, point, ridge).intervals["c_e"]["95"]
-            opening += [component.quantity] if interval.upper is not None else []
+    opening = [
+        x.quantity
+        for x in likelihood.components
+        if x.quantity in (*OFFSETS, "order")
+        and c_e_interval(likelihood.without(x), domain, point, ridge).upper is not None
+    ]
     return f"Were the {' or the '.join(opening)} known, c_e would have an upper end." if opening else ""
 
 
@@ -284,8 +278,7 @@ def _deviation_interval(
     )
     Z, r = columns[:, block], columns[:, -1]
     others = np.delete(columns[:, :-1], np.arange(columns.shape[1] - 1)[block], axis=1)
-    U, s, _ = np.linalg.svd(others, full_matrices=False)
-    basis = U[:, s > 1e-6 * s[0]]
+    basis = orthonormal(others)
     Z, r = Z - basis @ (basis.T @ Z), r - basis @ (basis.T @ r)
     U, s, _ = np.linalg.svd(Z, full_matrices=False)
     used = s > 1e-6 * max(s[0], 1e-12)
@@ -310,7 +303,7 @@ def _deviation_interval(
             if high > _WIDEST:
                 return np.inf
             high *= 2
-        return float(scipy.optimize.brentq(lambda x: above(x) - p, 0.0, high))
+        return float(optimize.brentq(lambda x: above(x) - p, 0.0, high))
 
     upper = max(end(0.025 * (above(0.0) if above(0.0) <= 0.025 else 1.0)), estimate)
     return ConfidenceInterval(min(end(0.975), estimate), None if upper == np.inf else upper)

@@ -11,42 +11,21 @@ A scatter is estimated, unless sigma is given: -2 log L is taken at the best sca
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
 from burrlab.fitting.calibration import Calibration, RowScatter, covariance_of
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.fitting.slices import FLATTER, FREEDOM, AlphaSlices, StudentSlices, TobitSlices, best_scale
-from burrlab.theory.continuum import PER_SECOND, Law, MasterCurve
+from burrlab.theory.continuum import PER_SECOND, Law, MasterCurve, rate_factor
 
 LikelihoodKind: TypeAlias = ResidualKind | Literal["log-sigma"]
 Beliefs: TypeAlias = tuple[tuple[str, float, float], ...]  # see `Likelihood`
-
-
-class Model(Protocol):
-    """Predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
-
-    @property
-    def shape(self) -> Shape:
-        """The erosion shape."""
-
-    @property
-    def law(self) -> Law:
-        """The erosion shape and the exponents of the rows' law."""
-
-    def unit(self, c_e: ArrayLike) -> Floats:
-        """Velocity [mm/s] at alpha = 1 /ms, shape (*c_e.shape, n); NaN where static contact passes the window."""
-
-    def log_unit(self, c_e: ArrayLike) -> Floats:
-        """Logarithm of `unit`."""
-
-    def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "Model":
-        """The model of some of its rows, which the observations hold."""
 
 
 class MeanFieldModel:
@@ -56,6 +35,8 @@ class MeanFieldModel:
     looked up once.
     """
 
+    of_voxels = False  #: whether descents on voxels correct it; they do in few rows and near their own c_e
+
     def __init__(self, observations: Observations, shape: Shape) -> None:
         self._curve, self.shape = MasterCurve(shape), shape
         self._n = len(observations.force)
@@ -64,9 +45,10 @@ class MeanFieldModel:
         #: index of each row's prediction in `log_predictions`; equal rows share one
         self.prediction: Rows = np.empty(self._n, np.intp)
         n_groups = 0
-        # F/R^2, and v over Psi at alpha = 1
+        # (F/1 N)^m, by which the rate grows with the force; F/R^2, and v over Psi at alpha = 1
+        factor = rate_factor(observations.force * np.exp(observations.log_c_e), observations.rate_exponent)
         both = np.stack([
-            observations.force / observations.radius**2, PER_SECOND * observations.radius * observations.rate_factor
+            observations.force / observations.radius**2, PER_SECOND * observations.radius * factor
         ])  # fmt: skip
         for (start, end), rows in observations.by_window().items():
             (pressure, scales), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
@@ -75,11 +57,14 @@ class MeanFieldModel:
             n_groups += len(pressure)
 
     def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> "MeanFieldModel":
-        """See `Model`."""
+        """The model of some of its rows, which the observations hold."""
         return MeanFieldModel(observations, self.shape)
 
     def unit(self, c_e: ArrayLike, own: Floats | None = None) -> Floats:
-        """See `Model`; `own` is ln c_e of each row over that of all, shape (len(c_e), rows)."""
+        """Velocity [mm/s] at alpha = 1 /ms, shape (*c_e.shape, n); NaN where static contact passes the window.
+
+        `own` is ln c_e of each row over that of all, shape (len(c_e), rows).
+        """
         if own is None:
             return np.ascontiguousarray(self._rows(c_e, np.asarray))
         velocities = np.empty(own.shape)
@@ -89,7 +74,7 @@ class MeanFieldModel:
         return velocities
 
     def log_unit(self, c_e: ArrayLike) -> Floats:
-        """See `Model`."""
+        """Logarithm of `unit`."""
         return self._rows(c_e, np.log)
 
     def log_predictions(self, c_e: Floats) -> Floats:
@@ -157,7 +142,7 @@ class Likelihood:
         Log-normal scatter of the velocities, normal scatter, normal with the given sigma, or Student's t with
         4 degrees of freedom in log velocity, which bears outliers. With effects sigma is that of log v, sigma/v:
         ``"log-sigma"``.
-    model : Model
+    model : MeanFieldModel
     beliefs : tuple of (str, float, float)
         What is known of ``"c_e"`` and ``"alpha"`` from elsewhere: name, value and relative standard deviation. They
         are rows of their own, whose -2 log L `MixedLikelihood` alone counts.
@@ -183,7 +168,7 @@ class Likelihood:
         self,
         observations: Observations,
         kind: LikelihoodKind,
-        model: Model,
+        model: MeanFieldModel,
         beliefs: Beliefs = (),
     ) -> None:
         self.observations, self.kind, self.model, self.beliefs = observations, kind, model, beliefs
@@ -219,18 +204,12 @@ class Likelihood:
             refuse(
                 kind != "relative", f"residuals must be 'relative' with runs that were too slow: got {kind!r}"
             )
-            assert isinstance(model, MeanFieldModel)  # `fit` refuses others
             force, limit, start, end, radius = observations.slow
             slow = replace(observations, force=force, window_start=start, window_end=end, radius=radius)
             self._slow = MeanFieldModel(slow, model.shape), np.log(limit)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
-        if (
-            isinstance(model, MeanFieldModel)
-            and self.n > _MANY
-            and kind not in ("student", "log-sigma")
-            and not self._runs
-        ):
+        if self.n > _MANY and not (model.of_voxels or self._runs) and kind not in ("student", "log-sigma"):
             y = np.log(observations.velocity) if self.log else observations.velocity
             weights = observations.sigma**-2 if self.known else np.ones(len(y))
             weight = np.asarray(np.bincount(model.prediction, weights), np.float64)
@@ -274,7 +253,7 @@ class Likelihood:
             for (name, known, r, n), (_, _, r_twice, _) in zip(around, self.residuals(c_e, 2 * alpha), strict=True)
         ]  # fmt: skip
 
-    def of_rows(self, observations: Observations, model: Model | None = None) -> "Likelihood":
+    def of_rows(self, observations: Observations, model: MeanFieldModel | None = None) -> "Likelihood":
         """The same kind of likelihood of other rows, in the mean field unless with a model."""
         model = model or MeanFieldModel(observations, self.model.shape)
         return Likelihood(observations, self.kind, model, self.beliefs)
@@ -396,13 +375,13 @@ class Likelihood:
 
     def _without_alpha(self, stiffness: Floats) -> Floats:
         """-2 log L of the rows that depend on c_e alone: segments and forces."""
-        total, n_pressed = np.zeros(len(stiffness)), len(self.observations.pressed)
+        total = np.zeros(len(stiffness))
         if self.n_within:
             within = self.within_residuals(self.model.unit(stiffness))
             total += minus2_of(np.sum(within**2, axis=-1), self.n_within, False)
-        if n_pressed:
+        if len(self.observations.pressed):
             r = self.observations.pressed_residuals(stiffness, self.pressed_known)
-            total += minus2_of(np.sum(r**2, axis=-1), n_pressed, self.pressed_known)
+            total += minus2_of(np.sum(r**2, axis=-1), r.shape[-1], self.pressed_known)
         return total
 
     def _of_shared(
@@ -490,17 +469,14 @@ class Likelihood:
             )
         if self.kind == "student":
             s = np.sqrt(best_scale(tables[0][2], 1e-30)[1])
-            total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
-        else:
-            total = 0.0
-            for _, known, r, n in tables:
-                S = float(np.sum(r**2))
-                total += (
-                    -0.5 * (S + n * float(np.log(2 * np.pi)))
-                    if known
-                    else -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
-                )
-        return total + self.log_jacobian()
+            return float(np.sum(stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s))) + self.log_jacobian()
+        squares = [(known, float(np.sum(r**2)), n) for _, known, r, n in tables]
+        return self.log_jacobian() + sum(
+            -0.5 * (S + n * float(np.log(2 * np.pi)))
+            if known
+            else -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
+            for known, S, n in squares
+        )
 
     def log_jacobian(self) -> float:
         """log of the density of the data in their units over that of the residuals."""

@@ -68,7 +68,7 @@ class Component:
     @property
     def restarts(self) -> str:
         """Of a drift that begins anew with each label of a group, the group's name."""
-        return self.group.name.removeprefix(EACH) if self.group.name.startswith(EACH) else ""
+        return self.group.name.partition(EACH)[2]
 
     @property
     def random_c_e(self) -> bool:
@@ -77,11 +77,8 @@ class Component:
 
     def of_rows(self, o: Observations) -> "Component":
         """The same of other rows."""
-        groups = {group.name: group for group in (o.sets, *o.groups)}
-        return replace(
-            self,
-            group=_levels_of(o, self.quantity, self.group.name) if self.sought else groups[self.group.name],
-        )
+        name = self.group.name
+        return replace(self, group=_levels_of(o, self.quantity, name) if self.sought else o.by_name[name])
 
 
 def components_of(
@@ -94,15 +91,13 @@ def components_of(
     """
     components = []
     for group in observations.groups:
-        n_levels, n_rows = (
-            len(group.levels),
-            len(set(zip(group.velocity.tolist(), observations.run_number.tolist(), strict=True))),
-        )
+        n_levels, runs = len(group.levels), observations.run_number.tolist()
+        n_rows = len(set(zip(group.velocity.tolist(), runs, strict=True)))
         if group.name == "specimen" and n_levels > 2:
             components.append(Component(group, "c_e"))
         if 1 < n_levels < n_rows:
             components.append(Component(group, "alpha"))
-    by_name = {group.name: group for group in (observations.sets, *observations.groups)}
+    by_name = observations.by_name
     end = observations.window[1]
     above = float((observations.radius - end).min())
     rooms = {"surface": min(above, float(end.min())) / _REACH, "radius": above / _REACH}
@@ -251,13 +246,14 @@ class LinearModel(RowProducts):
         self.rows, self.components = likelihood.linear_rows(*point), components
         self.known = np.array([rows.known for rows in self.rows])
         self.n = np.array([float(rows.n) for rows in self.rows])
-        residuals = [rows.r for rows in self.rows]
         self.slopes = {
             x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation or 0.0)
             for x in components
             if x.quantity in OFFSETS
         }
-        columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
+        columns = {
+            name: slopes.at(point[0], [rows.r for rows in self.rows]) for name, slopes in self.slopes.items()
+        }
         columns |= {name: [rows.J[:, k] for rows in self.rows] for k, name in enumerate(("c_e", "alpha"))}
         # of a drift, ln v rises from the first run to the last
         for x in (x for x in components if x.quantity == "order"):
@@ -350,18 +346,15 @@ class MixedEquations:
 
     def __init__(self, model: RowProducts, scatter2: Floats, effect2: Floats) -> None:
         self.model, self.scatter2, self.effect2 = model, scatter2, effect2
-        self.C = np.asarray(sum(G[:-1, :-1] / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
-        self.c = np.asarray(sum(G[:-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
+        total = np.asarray(sum(G / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
+        self.C, self.c = total[:-1, :-1].copy(), total[:-1, -1].copy()
         self.variance = np.full(len(self.c), np.inf)  # of each column; infinite for c_e and alpha
         for block, variance in zip(model.blocks, effect2, strict=True):
             self.variance[block] = variance
         scale, self._H = self.scaled(self.C, self.variance)
         self.M = scale[:, None] * np.linalg.inv(self._H) * scale
         self.solution = self.M @ self.c  # minus the effects, then minus the step
-        self.squares = float(  # r' P r
-            sum(G[-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True))
-            - self.c @ self.solution
-        )
+        self.squares = float(total[-1, -1] - self.c @ self.solution)  # r' P r
 
     def inverse(
         self, columns: Rows, C: Floats | None = None, variance: Floats | None = None
@@ -435,12 +428,11 @@ class MixedEquations:
 
     def score(self) -> Floats:
         """Derivative of the criterion by each estimated variance: the scatters', then the effects'."""
-        q, slopes = self.c - self.C @ self.solution, []
-        for k in self.free:
-            n, s2 = self.model.n[k], self.scatter2[k]
-            slopes.append(n / s2 - np.sum(self.M * self.by_scatter[k]) - self.residual2(k) / s2**2)
-        slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks]
-        return np.array(slopes)
+        q, n, s2 = self.c - self.C @ self.solution, self.model.n, self.scatter2
+        return np.array([
+            *(n[k] / s2[k] - np.sum(self.M * self.by_scatter[k]) - self.residual2(k) / s2[k] ** 2 for k in self.free),
+            *(np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks),
+        ])  # fmt: skip
 
     def squared_moves(self) -> Floats:
         """r' P V_i P V_j P r of the estimated variances, V_i the derivative of the rows' covariance by each.
@@ -470,10 +462,7 @@ class MixedEquations:
         weights = [(self.C @ m)[block] for block in blocks]
         changes = [m.T @ G[k] @ m for k in self.free] + [a.T @ a for a in weights]  # of Phi by each variance
         size = len(changes)
-        information, bias = (
-            np.zeros((size, size)),
-            np.zeros((size, size, m.shape[1], m.shape[1])),
-        )
+        information, bias = np.zeros((size, size)), np.zeros((size, size, m.shape[1], m.shape[1]))
         for i, k in enumerate(self.free):
             for j, other in enumerate(self.free):
                 cross = M @ G[other]
@@ -497,9 +486,8 @@ class MixedEquations:
         Phi = m[columns]
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
         estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
-        told_apart = bool(
-            (np.linalg.eigvalsh(covariance) > 0).all()
-        )  # few rows cannot tell days from the scatter
+        # few rows cannot tell days from the scatter
+        told_apart = bool((np.linalg.eigvalsh(covariance) > 0).all())
         return MixedCalibration(
             Phi, (adjusted + adjusted.T) / 2, np.reshape(changes, (size, *Phi.shape)), covariance,
             variances=estimated if len(blocks) == 1 and told_apart else None,
@@ -575,10 +563,11 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             effect2[estimated] += part * step[len(free) :]
             effect2[estimated] = np.clip(effect2[estimated], at_least[estimated], _LARGEST**2)
             trial = MixedEquations(last.model, scatter2, effect2)
-            if close:
-                nearer = bool(abs(step @ trial.score()) < abs(step @ score))
-            else:
-                nearer = trial.criterion() < last.criterion()
+            nearer = (
+                abs(step @ trial.score()) < abs(step @ score)
+                if close
+                else trial.criterion() < last.criterion()
+            )
             if nearer and (below is None or trial.definite):
                 equations = trial
                 break

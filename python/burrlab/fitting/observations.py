@@ -12,7 +12,7 @@ from burrlab.common.check import refuse
 from burrlab.common.study import LATER
 from burrlab.measured.curve import TOO_SLOW, Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, WINDOW_START, WINDOW_STOP, Law, rate_factor
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, WINDOW_START, WINDOW_STOP, Law
 
 Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
@@ -39,6 +39,11 @@ class Group:
     levels: tuple[str, ...]
     velocity: Rows  # of each velocity row
     pressed: Rows  # of each pressed row
+
+    def pairs(self, other: "Group") -> set[tuple[int, int]]:
+        """The levels of both that rows have."""
+        return {*zip(self.velocity.tolist(), other.velocity.tolist(), strict=True),
+                *zip(self.pressed.tolist(), other.pressed.tolist(), strict=True)}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,13 +206,21 @@ class Observations:
 
         The last has 1/2: that of the label with the most runs, as a burr wears from run to run.
         """
-        of = {x.name: x.velocity for x in (self.sets, *self.groups)}.get(
-            group, np.zeros(len(self.force), np.intp)
-        )
+        of = self.by_name[group].velocity if group in self.by_name else np.zeros(len(self.force), np.intp)
         first = np.full(of.max(initial=0) + 1, np.inf)
         np.minimum.at(first, of, self.number)
         place = self.number - first[of]
         return np.asarray(place / max(place.max(initial=0), 1) - 0.5)
+
+    @property
+    def by_name(self) -> dict[str, Group]:
+        """The groups, and the data sets as one more."""
+        return {group.name: group for group in (self.sets, *self.groups)}
+
+    @property
+    def labels(self) -> dict[str, set[str]]:
+        """The labels of each group."""
+        return {group.name: set(group.levels) for group in self.groups}
 
     @property
     def has_sigma(self) -> bool:
@@ -243,11 +256,6 @@ class Observations:
         return np.asarray(
             np.log(self.pressed / self.pressed_unit) - np.log(stiffness)
         )  # log c_e of each (Eq. 3)
-
-    @property
-    def rate_factor(self) -> Floats | float:
-        """(F/1 N)^m of each velocity row, by which the rate grows with the force."""
-        return rate_factor(self.force * np.exp(self.log_c_e), self.rate_exponent)
 
     def moved(self, offset: str, velocity: Floats | float, pressed: Floats | float) -> "Observations":
         """The rows corrected for an offset of what was measured.
@@ -314,22 +322,16 @@ class Observations:
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
         windows: dict[tuple[float | None, float | None], list[int]] = {}
-        ends = zip(self.window_start / self.radius, self.window_end / self.radius, strict=True)
-        for row, (start, end) in enumerate(ends):
-            key = (None, None) if np.isnan(start) else (float(start), float(end))
-            windows.setdefault(key, []).append(row)
+        ends = np.stack([self.window_start / self.radius, self.window_end / self.radius], axis=1)
+        for row, (start, end) in enumerate(ends.tolist()):
+            windows.setdefault((None, None) if np.isnan(start) else (start, end), []).append(row)
         return {key: np.array(rows, dtype=np.intp) for key, rows in windows.items()}
 
     def with_runs(self, force: float, velocity: float, radius: float, n: int) -> "Observations":
         """These rows and n runs alike, in the default window; without groups."""
-        new = dict.fromkeys(_VELOCITY, np.nan) | {
-            "force": force,
-            "velocity": velocity,
-            "radius": radius,
-            "run": -1,
-        }
+        new = {"force": force, "velocity": velocity, "radius": radius, "run": -1}
         columns: dict[str, Any] = {
-            name: np.append(getattr(self, name), [number] * n) for name, number in new.items()
+            name: np.append(getattr(self, name), [new.get(name, np.nan)] * n) for name in _VELOCITY
         }
         return replace(self, groups=(), measured_force=None, log_c_e=0.0, **columns)
 
@@ -386,8 +388,7 @@ def _groups(
             *(np.array([levels.index(x) for x in column], np.intp) for column in labels.values()),
         )
         for other in groups if levels else ():
-            pairs = {*zip(group.velocity.tolist(), other.velocity.tolist(), strict=True),
-                     *zip(group.pressed.tolist(), other.pressed.tolist(), strict=True)}  # fmt: skip
+            pairs = group.pairs(other)
             first, second = min(pairs)
             refuse(
                 1 < len(levels) == len(other.levels) == len(pairs),

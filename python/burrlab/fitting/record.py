@@ -163,13 +163,9 @@ class FitRecord(InJson):
     @property
     def n_parameters(self) -> int:
         """c_e, alpha and the scatters that were estimated."""
-        if self.evidence is None:
-            return 2
-        return (
-            2
-            + sum(not s.known for s in self.evidence.scatters)
-            + sum(len(x.levels) if x.deviation is None else x.interval is not None for x in self.effects)
-        )
+        of_effects = (len(x.levels) if x.deviation is None else x.interval is not None for x in self.effects)
+        scatters = self.evidence.scatters if self.evidence else ()
+        return 2 + sum(not s.known for s in scatters) + sum(of_effects)
 
     @property
     def log_likelihood(self) -> float:
@@ -194,11 +190,7 @@ class FitRecord(InJson):
     @cached_property
     def observations(self) -> Observations:
         """The rows of the data, as they were compared."""
-        burr = (
-            Burr(self.radius)
-            if any(data_set.radius is None for data_set in self.data) and self.radius
-            else None
-        )
+        burr = Burr(self.radius) if self.radius and any(x.radius is None for x in self.data) else None
         return Observations.of(self.data, burr, tuple(self.provenance.get("groups", ())), self.law)
 
     @cached_property
@@ -211,12 +203,12 @@ class FitRecord(InJson):
     def _plain(self) -> Likelihood:
         """The likelihood without groups and offsets."""
         known = self.provenance.get("known", {})
-        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
-        kind = (
-            "log-sigma" if self.residual_kind == "sigma" and (self.effects or known) else self.residual_kind
-        )
+        log_sigma = self.residual_kind == "sigma" and (self.effects or known)
         return Likelihood(
-            self.observations, kind, model_of(self.observations, self.shape, self.table), beliefs
+            self.observations,
+            "log-sigma" if log_sigma else self.residual_kind,
+            model_of(self.observations, self.shape, self.table),
+            tuple((name, *numbers) for name, numbers in known.items()),
         )
 
     @cached_property
@@ -225,8 +217,8 @@ class FitRecord(InJson):
 
         Calculated when first asked for, which takes some 40 ms for each window that the process has not met.
         """
-        point = self.c_e, self.alpha
-        return sensitivities(self.likelihood, point, self.identified) if self.identified else ()
+        identified = self.identified
+        return sensitivities(self.likelihood, (self.c_e, self.alpha), identified) if identified else ()
 
     @cached_property
     def repairs(self) -> tuple[Repair, ...]:

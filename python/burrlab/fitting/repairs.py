@@ -1,6 +1,7 @@
 """What would move a fit that does not know of it, and what would repair one that the data contradict."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Group
-from burrlab.fitting.profile import Combination, ConfidenceInterval, Domain, minima, ranges
+from burrlab.fitting.profile import Combination, ConfidenceInterval, Domain, c_e_interval, minima
 from burrlab.theory.continuum import Law
 
 _ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
@@ -98,17 +99,13 @@ def without_levels(
     results = []
     for k, label in enumerate(group.levels):
         keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, ConfidenceInterval(None, None)
-        try:
+        with suppress(ValueError, IndexError):  # too few forces are left, or no window
             o = plain.observations.kept(keep)
             mixed, domain, _ = fitted_again(
                 plain.of_rows(o), [x.of_rows(o) for x in fitted.components], fitted.point
             )
             c_e, alpha = minima(mixed, domain)[0].point
-            interval = ranges(mixed, mixed.calibration(c_e, alpha), domain, (c_e, alpha), 0.0).intervals[
-                "c_e"
-            ]["95"]
-        except (ValueError, IndexError):  # too few forces are left, or no window
-            pass
+            interval = c_e_interval(mixed, domain, (c_e, alpha))
         results.append(LevelLeftOut(label, int((~keep).sum()), c_e, alpha, alpha / c_e**exponent, interval))
     return tuple(results)
 
@@ -146,7 +143,7 @@ def repairs(
         components = (*present, *offset)
         if other.observations.c_e_bounds().max() >= other.observations.ceiling:
             return
-        end: Point | None = point
+        end = point
         if components:
             try:
                 mixed, _, end = fitted_again(other, components, point)
@@ -155,10 +152,9 @@ def repairs(
             u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])
             what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
             other = mixed if present else mixed.plain
-        if not present:
-            end = next((x.point for x in minima(other, Domain.of(other))), None)
-        if end is not None:
-            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*end)
+        ends = [end] if present else [x.point for x in minima(other, Domain.of(other))[:1]]
+        for best in ends:
+            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*best)
             gains.append(Repair(what, aic - other_aic))
 
     for name in OFFSETS:

@@ -55,9 +55,13 @@ def html(fit: FitRecord) -> str:
     for pairs in (identification(fit), statistics(fit)):
         lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
         parts.append(f"<table>{''.join(lines)}</table>")
-    items = "".join(f"<li>{escape(note)}</li>" for note in notes(fit))
     table = escape("\n".join(starts(fit)))
-    return f"{''.join(parts)}<ul>{items}</ul><details><summary>starts</summary><pre>{table}</pre></details>"
+    return f"{''.join(parts)}{html_list(notes(fit))}<details><summary>starts</summary><pre>{table}</pre></details>"
+
+
+def html_list(texts: Sequence[str]) -> str:
+    """Texts as a list of HTML."""
+    return f"<ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -149,10 +153,9 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
         if x.interval is not None and x.deviation is not None:
             rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *astuple(x.interval)))
         for k, label in enumerate(x.levels if x.interval is None else ()):
-            own = x.quantity in ("c_e", "alpha")
             of = (
                 f"ln {x.quantity}, data set {label} over the first"
-                if own
+                if x.quantity in ("c_e", "alpha")
                 else f"offset of {x.quantity}".replace("offset of order", "drift of ln v")
                 + (f", {x.group} {label}" if len(x.levels) > 1 else "")
             )
@@ -191,9 +194,8 @@ def identification(fit: FitRecord) -> dict[str, str]:
 
 def starts(fit: FitRecord) -> list[str]:
     """A table of every search: begin, end and result."""
-    names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
     return [
-        f"{names}{'RMS':>11}{'evals':>7}  result",
+        f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}{'RMS':>11}{'evals':>7}  result",
         *(
             f"{s.origin:<18}{s.start[0]:>10.4g}{s.end[0]:>10.4g}{s.start[1]:>12.4g}{s.end[1]:>10.4g}"
             f"{np.sqrt(s.objective / fit.n_points):>11.5g}{s.evaluations:>7}  {s.result}"
@@ -287,9 +289,8 @@ def agreement(fit: FitRecord) -> str:
 
 
 def rms(fit: FitRecord, value: float) -> str:
-    if fit.residual_kind in ("relative", "student"):
-        return f"{100 * value:.3g} %"
-    return f"{value:.4g} mm/s" if fit.residual_kind == "absolute" else f"{value:.4g} sigma"
+    units = {"absolute": f"{value:.4g} mm/s", "sigma": f"{value:.4g} sigma"}
+    return units.get(fit.residual_kind, f"{100 * value:.3g} %")
 
 
 def _aligned(pairs: dict[str, str]) -> list[str]:

@@ -155,12 +155,8 @@ class Fit(FitRecord, Tabulated):
         Of more than 1000 rows only the two that lie farthest off are fitted without.
         """
         self._evidence()
-        return influence(
-            self.likelihood,
-            (self.c_e, self.alpha),
-            self.data,
-            {name: self.bounds[name] for name in self.given_bounds},
-        )
+        bounds = {name: self.bounds[name] for name in self.given_bounds}
+        return influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds)
 
     def influence_by(self, group: str) -> tuple[LevelLeftOut, ...]:
         """The fit without the velocities of each day or specimen, with the variances estimated again.
@@ -367,7 +363,7 @@ class Fit(FitRecord, Tabulated):
         """n of v ~ F^n within a standard deviation of ln c_e; at c_e where a force leaves an end no window."""
         groups = [x for x in self.effects if x.interval is not None and new in ("run", x.group)]
         of_c_e = [x.deviation or 0.0 for x in groups if x.quantity == "c_e"]
-        variance = self._evidence().calibration.variance(np.array([1.0, 0.0]))[0]
+        variance = self._evidence().calibration.variance(C_E)[0]
         spread = min(float(np.sqrt(variance + np.dot(of_c_e, of_c_e))), 0.5)
         softer, stiffer = (
             self.law.velocity(force, self.c_e * np.exp(sign * spread), self.alpha, radius) for sign in (-1, 1)
@@ -474,9 +470,8 @@ class Fit(FitRecord, Tabulated):
 
     def _plot_levels(self, ax: Axes, name: str, log: bool) -> None:
         """The points of each level of a group with its thin line, and the band of a new level's mean."""
-        o = self.observations
-        (group,) = (group for group in (o.sets, *o.groups) if group.name == name)
-        levels = self.levels(name)
+        o, levels = self.observations, self.levels(name)
+        group = o.by_name[name]
         ax.set(xscale="log" if log else "linear", yscale="log" if log else "linear")
         for k, (label, (c_e, alpha)) in enumerate(levels.items()):
             look = SERIES[k % len(SERIES)]
@@ -561,7 +556,7 @@ class Fit(FitRecord, Tabulated):
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         evidence, ax = self._evidence(), axes_or_new(ax)
         profile = evidence.profile
-        x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
+        x, rise = getattr(profile, name), getattr(profile, f"{name}_rise")
         limits = evidence.calibration.limits(LEVELS, C_E if name == "c_e" else ALPHA)
         limits = {level: limit for level, limit in limits.items() if limit < 10 * limits["95"]}
         top = 1.6 * max(limits.values())  # with a degree of freedom or two the highest hides all else
@@ -659,8 +654,8 @@ class Fit(FitRecord, Tabulated):
             If the fit failed, or has no curve.
         """
         refuse(over not in ("force", "order"), f"over must be 'force' or 'order': got {over!r}")
-        bounds = {name: self.bounds[name] for name in self.given_bounds}
-        rows = influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds, refitted=False)
+        point = self.c_e, self.alpha
+        rows = influence(self.likelihood, point, self.data, {}, refitted=False)
         refuse(not rows, "residuals of rows need a curve: the fit has none")
         ax = axes_or_new(ax)
         force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
@@ -670,18 +665,17 @@ class Fit(FitRecord, Tabulated):
             ax, {"linestyle": "", **style}, color=FORCE, marker="o", markersize=4, zorder=3, label="rows"
         )
         ax.plot(x[~named], size[~named], **look)
-        limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
+        limit = rows_limit(self.likelihood, point, ~named)
         if limit is not None:
             ax.axhspan(-limit, limit, color="0.95", zorder=0)
             for sign, limit_label in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
                 ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=limit_label)
         if named.any():
             ax.plot(x[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"}))
-        for row, place in zip(rows, x.tolist(), strict=True):
-            if row.named:
-                number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
-                ax.annotate(f"row {number}", (place, row.studentised), xytext=(6, 0), va="center",
-                            textcoords="offset points", fontsize=8)  # fmt: skip
+        for row, place in ((row, place) for row, place in zip(rows, x.tolist(), strict=True) if row.named):
+            number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
+            ax.annotate(f"row {number}", (place, row.studentised), xytext=(6, 0), va="center",
+                        textcoords="offset points", fontsize=8)  # fmt: skip
         ax.axhline(0, color=REFERENCE, linewidth=0.6)
         ax.margins(x=0.1)
         why = "" if limit else "\n(no limit below 8 rows)"
@@ -747,13 +741,9 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     >>> plot_curves(curves).get_xlabel()
     'force [N]'
     """
-    if isinstance(items, VelocityCurve | Fit):
-        items = [items]
     if not isinstance(items, Mapping):
-        sources = [
-            getattr(material.data[0] if isinstance(material, Fit) else material, "source", "")
-            for material in items
-        ]
+        items = [items] if isinstance(items, VelocityCurve | Fit) else items
+        sources = [getattr(x.data[0] if isinstance(x, Fit) else x, "source", "") for x in items]
         names = [f"{k}: {source}".rstrip(": ") for k, source in enumerate(sources, 1)]
         items = dict(zip(names, items, strict=True))
     refuse(not items, "items must hold a curve or a fit, got none")
@@ -804,6 +794,6 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
     picked = np.unique(np.linspace(0, len(region.c_e) - 1, _BAND).round().astype(int))
     unit = fit.law.velocity(force, region.c_e[picked, None], 1.0, radius)
     with np.errstate(invalid="ignore"):
-        low = np.nanmin(np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None]), axis=0)
-        high = np.nanmax(np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None]), axis=0)
-    return low, high
+        low = np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None])
+        high = np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None])
+    return np.nanmin(low, axis=0), np.nanmax(high, axis=0)

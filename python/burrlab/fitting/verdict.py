@@ -191,9 +191,7 @@ def sentence(
 
 def span(interval: ConfidenceInterval) -> str:
     """An interval in words; an open end is called open."""
-    low = "open" if interval.lower is None else f"{interval.lower:.3g}"
-    high = "open" if interval.upper is None else f"{interval.upper:.3g}"
-    return f"{low} to {high}"
+    return " to ".join("open" if end is None else f"{end:.3g}" for end in (interval.lower, interval.upper))
 
 
 def within(c_e: ConfidenceInterval) -> str:
@@ -207,10 +205,8 @@ def within(c_e: ConfidenceInterval) -> str:
 def accuracy(identified: Combination) -> str:
     """How well the combination is known: half the relative width of its 95 % interval."""
     interval = identified.interval
-    if interval.ratio() == np.inf:
+    if not interval.lower or interval.upper is None:
         return "with an open end"
-    assert interval.lower is not None
-    assert interval.upper is not None
     if interval.ratio() > SEPARATE:
         return f"only within a factor of {interval.ratio():.2g}"
     return f"to {50 * (interval.upper - interval.lower) / identified.value:.2g} %"

@@ -22,7 +22,7 @@ from burrlab.fitting.calibration import covariance_of
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
-from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, Law
 
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
 
@@ -105,19 +105,17 @@ class VoxelEngine:
     def _described(self) -> dict[str, Any]:
         """The options as the provenance keeps them."""
         specimen = self.specimen
-        name = "solid bone" if specimen is None else repr(specimen)
-        volume: dict[str, Any] = {}
-        if isinstance(specimen, Specimen):
-            name = f"{specimen.source}, digest {specimen.bone.digest()}"
-            volume = {"volume": dict(specimen.made)} if specimen.made else {}
-        return {
+        known: dict[str, Any] = {
             "voxel_mm": self.voxel,
             "dt_ms": self.dt,
             "rig": self.rig,
-            "specimen": name,
+            "specimen": "solid bone" if specimen is None else repr(specimen),
             "replicates": self.replicates,
-            **volume,
         }
+        if isinstance(specimen, Specimen):
+            known["specimen"] = f"{specimen.source}, digest {specimen.bone.digest()}"
+            known |= {"volume": dict(specimen.made)} if specimen.made else {}
+        return known
 
 
 @stored_as("burrlab.fitting.voxel_descent.VoxelDescent")
@@ -208,22 +206,23 @@ class VoxelTable:
     noise: float
 
 
-class VoxelModel:
-    """Mean-field velocity of the rows times the table's deviation; see `burrlab.fitting.likelihood.Model`."""
+class VoxelModel(MeanFieldModel):
+    """Mean-field velocity of the rows times the table's deviation."""
+
+    of_voxels = True
 
     def __init__(self, observations: Observations, shape: Shape, table: VoxelTable) -> None:
-        self.shape, self._mean_field, self._table = shape, MeanFieldModel(observations, shape), table
-        self.law = self._mean_field.law
-        self._coefficients = table.coefficients.mean(axis=0).T
+        super().__init__(observations, shape)
+        self._table, self._coefficients = table, table.coefficients.mean(axis=0).T
 
     def kept(self, observations: Observations, keep: NDArray[np.bool_]) -> VoxelModel:
-        """See `burrlab.fitting.likelihood.Model`."""
+        """See `MeanFieldModel`."""
         return VoxelModel(
             observations, self.shape, replace(self._table, coefficients=self._table.coefficients[:, keep])
         )
 
-    def unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
+    def unit(self, c_e: ArrayLike, own: Floats | None = None) -> Floats:
+        """See `MeanFieldModel`."""
         stiffness = np.asarray(c_e, dtype=np.float64)
         x = np.log(np.minimum(stiffness, self._table.high) / self._table.low)[..., None]
         deviation = np.zeros((*stiffness.shape, self._coefficients.shape[1]))
@@ -231,18 +230,16 @@ class VoxelModel:
             deviation = deviation * x + coefficient
         return np.where(
             (x >= -1e-9) & np.isfinite(deviation),
-            self._mean_field.unit(stiffness) * np.exp(deviation),
+            super().unit(stiffness, own) * np.exp(deviation),
             np.nan,
         )
 
     def log_unit(self, c_e: ArrayLike) -> Floats:
-        """See `burrlab.fitting.likelihood.Model`."""
+        """See `MeanFieldModel`."""
         return np.log(self.unit(c_e))
 
 
-def model_of(
-    observations: Observations, shape: Shape, table: VoxelTable | None
-) -> MeanFieldModel | VoxelModel:
+def model_of(observations: Observations, shape: Shape, table: VoxelTable | None) -> MeanFieldModel:
     """The voxel engine's model where there is a table of its descents, else the mean-field one."""
     return MeanFieldModel(observations, shape) if table is None else VoxelModel(observations, shape, table)
 
@@ -270,7 +267,7 @@ class Descents:
 
         NaN where a descent gave no number, infinite where static contact passed the window's end.
         """
-        law = MeanFieldModel(self._observations, self._shape).law
+        law = Law(self._shape, self._observations.force_exponent, self._observations.rate_exponent)
         work = [
             (
                 VoxelDescent(
@@ -303,7 +300,6 @@ class Descents:
         """The table and the points it was made from; or a sentence, where too few points have a velocity."""
         o, likelihood = self._observations, mean_field
         seen: list[tuple[float, float]] = []
-        base = MeanFieldModel(o, self._shape)
         entry = float(o.ridge_entries().max())
         top = _RIDGE_PART * entry if np.isfinite(entry) else 4 * start[0]
         low = box.lower[0]
@@ -319,7 +315,7 @@ class Descents:
         )
         for _ in range(_ROUNDS):
             close = [low * factor for factor in _CLOSE if low * factor < top]
-            nodes = np.unique(np.concatenate([close, np.geomspace(1.2 * low, max(top, 1.3 * low), _NODES)]))
+            nodes = np.unique([*close, *np.geomspace(1.2 * low, max(top, 1.3 * low), _NODES)])
             alphas = np.clip(likelihood.at(nodes).best_alpha, box.lower[1], box.upper[1])
             points = np.stack([nodes, alphas / slower], axis=1)
             velocity = self.velocities(points)
@@ -334,7 +330,8 @@ class Descents:
                 continue
             slower = 1.0
             c_e, alpha = points.T
-            table = _table(c_e, np.log(velocity) - np.log(alpha[:, None] * base.unit(c_e))[:, None, :])
+            mean_field_velocity = alpha[:, None] * mean_field.model.unit(c_e)
+            table = _table(c_e, np.log(velocity) - np.log(mean_field_velocity)[:, None, :])
             likelihood = Likelihood(o, mean_field.kind, VoxelModel(o, self._shape, table))
             low = table.low / _CLOSE[0]
             at_c_e = likelihood.at(c_e)
@@ -348,12 +345,10 @@ class Descents:
     def _down_to_the_bound(self, points: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Points and velocities, with points added in the gap above the highest c_e without a window."""
         for _ in range(_HALVINGS):
-            loaded = np.isinf(velocity).any(axis=(1, 2))
-            if not loaded.any() or loaded.all():
+            loaded = np.flatnonzero(np.isinf(velocity).any(axis=(1, 2)))
+            if not len(loaded) or loaded[-1] + 1 == len(points):
                 break
-            i = int(np.flatnonzero(loaded)[-1])
-            if i + 1 >= len(points):
-                break
+            i = int(loaded[-1])
             middle = np.sqrt(points[i] * points[i + 1])
             points = np.insert(points, i + 1, middle, axis=0)
             velocity = np.insert(velocity, i + 1, self.velocities(middle[None])[0], axis=0)
@@ -389,7 +384,7 @@ def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
 
 
 def monte_carlo_share(
-    likelihood: Likelihood, shape: Shape, table: VoxelTable, best: tuple[float, float], c_e_open: bool
+    likelihood: Likelihood, table: VoxelTable, best: tuple[float, float], c_e_open: bool
 ) -> float:
     """SE_mc^2/SE_stat^2, the larger of c_e's and the best-determined combination's.
 
@@ -404,7 +399,7 @@ def monte_carlo_share(
     """
     total, _, _ = likelihood.information(*best)
     inverse = covariance_of(total)
-    o = likelihood.observations
+    o, shape = likelihood.observations, likelihood.model.shape
     variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
     models = (VoxelModel(o, shape, replace(table, coefficients=part[None])) for part in table.coefficients)
     scores = [Likelihood(o, likelihood.kind, model).score(*best, variances) for model in models]

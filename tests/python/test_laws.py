@@ -83,7 +83,7 @@ class TestLikelihood:
         fitted = fit(data)
         o, equations = fitted.observations, fitted.likelihood.equations
         of_run = np.equal.outer([*range(3, 13), 0, 1, 2], o.run_number)
-        whitened = LawLikelihood(o, effects=fitted).whitened(of_run)
+        whitened = LawLikelihood(o, effects=fitted.likelihood).whitened(of_run)
         labels = np.append(day, [0, 1, 0])
         variance = np.eye(13) + equations.effect2[0] / equations.scatter2[0] * np.equal.outer(labels, labels)
         assert equations.effect2[0] > 0

@@ -78,8 +78,9 @@ class VelocityRatio:
     at_middle: Ratio  #: the ratio there, its interval at the level of the other ratios
 
     def __post_init__(self) -> None:
-        columns = ("radius", "force", "ratio", "lower", "upper")
-        check_same_length(**{name: getattr(self, name) for name in columns})
+        check_same_length(
+            **{name: getattr(self, name) for name in ("radius", "force", "ratio", "lower", "upper")}
+        )
 
 
 @dataclass(frozen=True)
@@ -145,8 +146,10 @@ class Comparison(InJson, Tabulated):
                     f"{pair.velocity.middle[1]:.3g} N)"
                 )
             if self.margin is not None:
-                shown_to = "" if pair.equivalent else "not shown to be "
-                sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
+                sentence += (
+                    f", and are {'' if pair.equivalent else 'not shown to be '}equivalent within "
+                    f"{100 * self.margin:g} % of velocity"
+                )
             lines.append(f"{sentence[0].upper() if runs else sentence[0]}{sentence[1:]}.")
         return "\n".join(lines)
 
@@ -233,8 +236,10 @@ class Comparison(InJson, Tabulated):
         )
         if self.margin is None:
             return f"{seen}; without a margin nothing is called equivalent."
-        outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
-        return f"{seen}: {outcome} within {100 * self.margin:g} %, {probability_text(pair.p_equivalent)}."
+        return (
+            f"{seen}: {'' if pair.equivalent else 'not shown to be '}equivalent within {100 * self.margin:g} %, "
+            f"{probability_text(pair.p_equivalent)}."
+        )
 
     def _table(self) -> dict[str, list[Any]]:
         rows = [
@@ -250,7 +255,7 @@ class Comparison(InJson, Tabulated):
             for name, x in self._named_ratios(pair).items()
         ]
         names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
-        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+        return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -423,14 +428,9 @@ def compare(
     )
 
 
-def _levels(fit: FitRecord) -> dict[str, set[str]]:
-    """The labels of each of a fit's groups."""
-    return {group.name: set(group.levels) for group in fit.observations.groups}
-
-
 def _apart(a: FitRecord, b: FitRecord) -> list[str]:
     """Groups of several labels that both fits have, with none in common."""
-    first, second = _levels(a), _levels(b)
+    first, second = a.observations.labels, b.observations.labels
     return [
         x
         for x in first
@@ -440,7 +440,7 @@ def _apart(a: FitRecord, b: FitRecord) -> list[str]:
 
 def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
     """A sentence where both sets are the same rows, or one has one level of a group, the other other ones or none."""
-    first, second = map(_levels, fits)
+    first, second = (fit.observations.labels for fit in fits)
     for group in sorted(first.keys() ^ second.keys()):
         of, other = names if group in first else names[::-1]
         if first and second and any(x.group == group for x in fits[group not in first].effects):
@@ -706,9 +706,8 @@ def _velocities(
     of_a, of_b = a.fit.observations, b.fit.observations
     for R in np.intersect1d(of_a.radius, of_b.radius).tolist():
         used = [o.force[o.radius == R] for o in (of_a, of_b)]
-        largest = (
-            WINDOW_STOP**law.force_exponent * R**2 * min(a.lowest, b.lowest)
-        )  # with a window at every c_e
+        # with a window at every c_e
+        largest = WINDOW_STOP**law.force_exponent * R**2 * min(a.lowest, b.lowest)
         low, high = max(forces.min() for forces in used), min([largest, *(forces.max() for forces in used)])
         if low > high:
             continue
@@ -717,13 +716,14 @@ def _velocities(
         unit = [np.log(law.velocity(force, s.walk.c_e[:, None], 1.0, R)) for s in (a, b)]
         for k, F in enumerate(force.tolist()):
             slopes = [float(np.gradient(h[:, k], s.x)[s.best]) for s, h in zip((a, b), unit, strict=True)]
-            ends = (
-                side.ends(h[:, k], np.array([slope, 1.0]))
-                for side, h, slope in zip((a, b), unit, slopes, strict=True)
-            )
             difference: _LogRatio | LinearDifference = (
-                pair.along(np.array([float(np.mean(slopes)), 1.0])) if pair else _LogRatio(*ends)
-            )
+                pair.along(np.array([float(np.mean(slopes)), 1.0]))
+                if pair
+                else _LogRatio(*(
+                    side.ends(h[:, k], np.array([slope, 1.0]))
+                    for side, h, slope in zip((a, b), unit, slopes, strict=True)
+                ))
+            )  # fmt: skip
             p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
                 middles.append(((R, F), _ratio(difference, level)))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from burrlab.fitting.diagnostics import POOR, HypothesisTest, coarse_rounding
 from burrlab.fitting.linear import components_of
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import ConfidenceInterval, plain_ends
-from burrlab.fitting.report import columns, html_table, in_blocks
+from burrlab.fitting.report import columns, html_list, html_table, in_blocks
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import at_windows, span
 from burrlab.theory.continuum import Law
@@ -151,12 +150,9 @@ class LawRow:
         """c_e and alpha in words; empty where the data contradict the law."""
         if self.contradicted:
             return ""
-        if self.law is None:
+        if self.fit is None or self.fit.identified is None:
             return f"K = {self.alpha:.4g} mm/(s N)"
-        identified = None if self.fit is None else self.fit.identified
-        if self.fit is None or identified is None:
-            return ""
-        fit, ends = self.fit, self.fit.intervals["c_e"]["95"]
+        fit, identified, ends = self.fit, self.fit.identified, self.fit.intervals["c_e"]["95"]
         if fit.separately_identified:
             return f"c_e = {fit.c_e:.4g} N/mm^2, alpha = {fit.alpha:.4g} /ms"
         combination = f"alpha/c_e^{identified.exponent:.4g} = {identified.value:.3g}"
@@ -237,13 +233,9 @@ class LawComparison(Tabulated):
             names = f"{', '.join(row.name for row in close[:-1])} and {close[-1].name}"
             lines.append(f"{names} are not told apart: their AIC lies within {CLOSE:g}.")
         elif close:
-            rest = ", ".join(row.name for row in self.left)
-            name = close[0].name
-            lines.append(
-                f"{name} is preferred by AIC; not contradicted either: {rest}."
-                if rest
-                else f"{name} alone is left."
-            )
+            left = ", ".join(row.name for row in self.left)
+            either = f"is preferred by AIC; not contradicted either: {left}." if left else "alone is left."
+            lines.append(f"{close[0].name} {either}")
         else:
             lines.append(
                 "The data contradict every law here: the exponents hold if another of this form is true, and not where a "
@@ -313,13 +305,20 @@ class LawComparison(Tabulated):
         }
 
     def _cells(self) -> list[list[str]]:
-        table = [["law", "f and exponents", "s", "delta AIC", "tests", "constants"]]
-        for row in self.rows:
-            verdict = f"{probability_text(row.p_value)}{', contradicted' if row.contradicted else ''}"
-            what, slope = (str(row.law), row.law.slope) if row.law else ("v = K F", 1.0)
-            delta = f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0"
-            table.append([row.name, what, f"{slope:.3g}", delta, verdict, row.constants])
-        return table
+        return [
+            ["law", "f and exponents", "s", "delta AIC", "tests", "constants"],
+            *(
+                [
+                    row.name,
+                    str(row.law) if row.law else "v = K F",
+                    f"{row.law.slope if row.law else 1.0:.3g}",
+                    f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0",
+                    f"{probability_text(row.p_value)}{', contradicted' if row.contradicted else ''}",
+                    row.constants,
+                ]
+                for row in self.rows
+            ),
+        ]
 
     def report(self) -> str:
         """Table and sentences as text."""
@@ -346,8 +345,8 @@ class LawComparison(Tabulated):
                 else {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
             )
             for R in sorted(set(o.radius.tolist())):
-                ends = o.force[o.radius == R].min(), o.force[o.radius == R].max()
-                force = np.geomspace(0.8 * ends[0], 1.25 * ends[1], 200)
+                used = o.force[o.radius == R]
+                force = np.geomspace(0.8 * used.min(), 1.25 * used.max(), 200)
                 with np.errstate(invalid="ignore"):
                     left.plot(force, row.velocity(force, R), **dress)
                 dress = dress | {"label": f"_{row.name}"}
@@ -380,14 +379,12 @@ class LawComparison(Tabulated):
 
     def to_dict(self) -> dict[str, Any]:
         """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
-        exponents = {
-            name: {"value": x.value, "intervals": plain_ends({name: x.intervals})[name]}
-            for name, x in self.exponents.items()
-        }
+        intervals = plain_ends({name: x.intervals for name, x in self.exponents.items()})
         return dict(Codec().plain({
             "rows": [dict(zip(self._table(), cells, strict=True)) | {"tests": row.tests}
                      for row, cells in zip(self.rows, zip(*self._table().values(), strict=True), strict=True)],
-            "exponents": exponents, "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
+            "exponents": {name: {"value": x.value, "intervals": intervals[name]} for name, x in self.exponents.items()},
+            "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
             "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
         }))  # fmt: skip
 
@@ -395,8 +392,7 @@ class LawComparison(Tabulated):
         return "\n".join(columns(self._cells()))
 
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences)
-        return f"{html_table(self._cells())}<ul>{items}</ul>"
+        return html_table(self._cells()) + html_list(self.sentences)
 
 
 _AXES = {

@@ -4,11 +4,10 @@ import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
-import scipy
-from scipy import special
+from scipy import optimize, special
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, scalar, shown
@@ -96,11 +95,8 @@ class Scan:
         return self.heights(s - 2 * (self.orders[:, None] + 1) / self.q)
 
 
-def _at_offsets(o: Observations, effects: Fit | None) -> Observations:
+def _at_offsets(o: Observations, mixed: MixedLikelihood) -> Observations:
     """The rows about which effects are linear: corrected for a fit's offsets, and moved back along these lines."""
-    mixed = effects and effects.likelihood
-    if not isinstance(mixed, MixedLikelihood):
-        return o
     shifts = mixed.shifts.copy()
     for x, block in zip(mixed.components, mixed.linear.blocks, strict=True):
         shifts[block] *= x.quantity in OFFSETS
@@ -136,7 +132,6 @@ class BestPoint:
     c_e: float  # [N/mm^2]; NaN of v = K F
     alpha: float  # [1/ms]; K [mm/(s N)] of v = K F
     rows: Floats  # 2 log L of each row
-    scatter: float  # of ln v
 
     @property
     def aic(self) -> float:
@@ -150,22 +145,22 @@ class LawLikelihood:
     Rows of a trace count by their run's mean. With groups, rows are whitened by the effects' variances of a fit.
     """
 
-    def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
+    def __init__(
+        self, observations: Observations, known: bool = False, effects: MixedLikelihood | None = None
+    ) -> None:
         o, self.known, self._scans = observations, known, dict[tuple[float, str], Scan]()
         self._effects = effects
-        mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
         self.observations, self._windows, (self._single, self._runs) = o, o.by_window(), runs_of(o)
         self.n = len(self._single) + len(self._runs)
         self._weight = (
             means_of_runs(o.velocity / o.sigma, self._single, self._runs) if known else np.ones(self.n)
         )
         columns = {"velocity": np.empty((self.n, 0)), "force": np.empty((len(o.pressed), 0))}
-        if mixed is not None:  # their part of the rows' covariance, over that of the scatter
+        if effects is not None:  # their part of the rows' covariance, over that of the scatter
             for x, Z, scatter2 in zip(
-                mixed.linear.rows, mixed.linear.columns, mixed.equations.scatter2, strict=True
+                effects.linear.rows, effects.linear.columns, effects.equations.scatter2, strict=True
             ):
-                columns[x.name] = Z[:, :-3] * np.sqrt(mixed.equations.variance[:-2] / scatter2)
-        self._related = mixed is not None
+                columns[x.name] = Z[:, :-3] * np.sqrt(effects.equations.variance[:-2] / scatter2)
         self._whiten = _whitener(columns["velocity"][: self.n])
         self._whiten_pressed = _whitener(columns["force"])
         self.log_velocity = self.whitened(np.log(o.velocity))
@@ -179,21 +174,21 @@ class LawLikelihood:
         )
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
-        estimated = [x.group for x in (mixed.components if mixed else ()) if x.deviation is None]
+        estimated = [x.group for x in (effects.components if effects else ()) if x.deviation is None]
         levels = {group.name: len(group.levels) - 1 for group in estimated}
         self.freedom = max(self.n - 3 - sum(levels.values()), 1)
         self.pressed_known = known and bool(np.isfinite(o.pressed_sigma).all())
 
     def whitened(self, rows: Floats) -> Floats:
         """The runs' means, made independent and of one scatter. Last axis: rows, then runs."""
-        means = means_of_runs(rows, self._single, self._runs) * self._weight
-        return self._whiten(means)
+        return self._whiten(means_of_runs(rows, self._single, self._runs) * self._weight)
 
     def _whitened_presses(self, *rows: Floats) -> Floats:
         """The same of the indentation's rows of ln F."""
         o = self.observations
-        weight = o.pressed / o.pressed_sigma if self.pressed_known else 1.0
-        return self._whiten_pressed(np.stack(rows) * weight)
+        return self._whiten_pressed(
+            np.stack(rows) * (o.pressed / o.pressed_sigma if self.pressed_known else 1.0)
+        )
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -231,17 +226,17 @@ class LawLikelihood:
         first = self._scan(q, shape, np.exp(low + coarse))
         near = np.flatnonzero((first.heights() < first.heights().min() + _NEAR).any(axis=0))
         ends = coarse[max(near[0] - 1, 0)], coarse[min(near[-1] + 1, _COARSE - 1)]
-        points = np.unique(np.concatenate([coarse, np.geomspace(*ends, _FINE)]))
-        return self._scan(q, shape, np.exp(low + points))
+        return self._scan(q, shape, np.exp(low + np.unique([*coarse, *np.geomspace(*ends, _FINE)])))
 
     def _scan(self, q: float, shape: Shape | None, c_e: Floats, k: Floats = _K) -> Scan:
         log_unit = self.log_unit([member(node) for node in NODES] if shape is None else [shape], q, c_e)
         if shape is None:
             log_unit = np.tensordot(_weights(tuple(k.tolist())), log_unit, axes=1)
-        orders = k if shape is None else np.array([shape.order])
         r, m = self.unexplained(log_unit)
-        squares = np.einsum("...i,...i->...", r, r)
-        return Scan(q, orders, c_e, squares, m, self._pressed(q, c_e), self.n, self._lever, self.known)
+        return Scan(
+            q, k if shape is None else np.array([shape.order]), c_e, np.einsum("...i,...i->...", r, r), m,
+            self._pressed(q, c_e), self.n, self._lever, self.known,
+        )  # fmt: skip
 
     def over_k(self, scans: Sequence[Scan], m: float, reach: float) -> tuple[Floats, Floats]:
         """k, close where -2 log L at an m rises by less than `reach`, and the lowest -2 log L of scans there."""
@@ -249,8 +244,8 @@ class LawLikelihood:
         near = np.flatnonzero(coarse < coarse.min() + reach)
         k = np.linspace(_K[max(near[0] - 1, 0)], _K[min(near[-1] + 1, len(_K) - 1)], 2 * len(_K) - 1)
         usable = [scan for scan in scans if np.isfinite(scan.squares).any()]  # that leave c_e some room
-        closer = [self._scan(scan.q, None, scan.c_e, k).heights(m) for scan in usable]
-        return k, np.min([heights.min(axis=1) for heights in closer], axis=0)
+        closer = [self._scan(scan.q, None, scan.c_e, k).heights(m).min(axis=1) for scan in usable]
+        return k, np.min(closer, axis=0)
 
     def _pressed(self, q: float, c_e: Floats) -> Floats:
         n = len(self.observations.pressed)
@@ -300,7 +295,7 @@ class LawLikelihood:
             scan = self.scan(q, law.shape)
             at = int(np.argmin(scan.heights(m)))
             low, high = np.log(scan.c_e[[max(at - 1, 0), min(at + 1, len(scan.c_e) - 1)]]).tolist()
-            optimum = scipy.optimize.minimize_scalar(
+            optimum = optimize.minimize_scalar(
                 lambda x: self._scan(q, law.shape, np.exp([x])).heights(m).min(),
                 bounds=(low, high),
                 method="bounded",
@@ -325,11 +320,8 @@ class LawLikelihood:
             rows.append(-(residuals**2) / variance - np.log(variance))
             height += float(residuals @ residuals) if is_known else len(residuals) * float(np.log(variance))
         n_parameters += sum(not is_known for _, is_known in errors)
-        log_alpha = float(rest @ self._level / (self.ones @ self._level))
-        scatter = float(np.sqrt(r @ r / max(self.n - 3, 1))) * float(
-            np.mean(o.sigma / o.velocity) if self.known else 1.0
-        )
-        return BestPoint(height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows), scatter)
+        alpha = float(np.exp(rest @ self._level / (self.ones @ self._level)))
+        return BestPoint(height, n_parameters, c_e, alpha, np.concatenate(rows))
 
     def _predicted_presses(self, law: Law | None, c_e: float) -> tuple[Floats, int]:
         """The indentation's forces, and how many parameters they have of their own.
@@ -361,7 +353,7 @@ class LawLikelihood:
         Only three parameters are taken from the degrees of freedom, though k and q may take up more.
         """
         o, S = self.observations, min(float(np.nanmin(scan.squares)) for scan in scans)
-        if self._runs or self._related:
+        if self._runs or self._effects is not None:
             return None
         text = (
             "No law with F ~ h^q, a rate ~ F^m and f = (1 - x^2)^k fits the velocities, {outcome}: exponents have no interval. "
@@ -580,39 +572,31 @@ def _with_offsets(
 def _why_not(
     likelihood: LawLikelihood, law: Law | None, tests: Sequence[HypothesisTest], level: float
 ) -> str:
-    """Why a law is contradicted; empty where it is not."""
+    """Why a law is contradicted, and whether an indentation of other forces by a factor would leave it; else empty."""
     worst = min(tests, key=lambda test: test.p_value)
     if worst.p_value * len(tests) >= 1 - level:
         return ""
-    return worst.sentence + _of_another_scale(likelihood, law, level)
-
-
-def _lack_of_fit(of_law: Fit) -> HypothesisTest | None:
-    """The test that calls a fit poor; None if none does."""
-    goodness = of_law.evidence and of_law.evidence.goodness
-    return goodness.test if goodness and goodness.poor else None
-
-
-def _of_another_scale(likelihood: LawLikelihood, law: Law | None, level: float) -> str:
-    """A sentence where an indentation of other forces by a factor would leave a law that is contradicted; else empty."""
     if law is None or not likelihood.tells_q:
-        return ""
+        return worst.sentence
     alone = likelihood.velocities_alone
     best = alone.best(law)
     p_values = [*(test.p_value for test in _tests(alone, law, best.height)), likelihood.p_of_q(law)]
     if min(p_values) * len(p_values) < 1 - level:
-        return ""
+        return worst.sentence
     predicted, _ = likelihood._predicted_presses(law, best.c_e)
     factor = float(np.exp(np.mean(np.log(likelihood.observations.pressed / predicted))))
-    return f" The velocities alone do not: beside them the indentation's forces are {factor:.2f} times those of this law."
+    return (
+        f"{worst.sentence} The velocities alone do not: beside them the indentation's forces are {factor:.2f} times those of "
+        "this law."
+    )
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
     """A law against those with one more free exponent: m, k of (1 - x^2)^k, and q where an indentation tells it."""
     if law is None:
         return _tests_of_preston(likelihood)
-    scan = likelihood.scan(law.force_exponent, law.shape)
-    tests = [likelihood.test("m free", height - float(scan.heights().min()), "Another m {so}: {outcome}.")]
+    least = float(likelihood.scan(law.force_exponent, law.shape).heights().min())
+    tests = [likelihood.test("m free", height - least, "Another m {so}: {outcome}.")]
     if law.shape == member(law.shape.order):
         heights = likelihood.scan(law.force_exponent).heights(law.rate_exponent).min(axis=1)
         text = f"Another k ({_K[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
@@ -637,23 +621,15 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     o = likelihood.observations
     r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
     x, ones = likelihood.log_force, likelihood.ones
-    columns = {
-        "s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x),
-        "bend": (
-            "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
-            likelihood.whitened(np.log(o.force) ** 2),
-        ),
-    }
+    columns = {"s free": ("v ~ F^s", [ones, x]),
+               "bend": ("A bend of ln v over ln F", [ones, x, likelihood.whitened(np.log(o.force) ** 2)])}  # fmt: skip
     if len(np.unique(o.radius)) > 1:
-        columns["radius"] = (
-            "A power of the radius {so} than v ~ F: {outcome}.",
-            likelihood.whitened(np.log(o.radius)),
-        )
+        columns["radius"] = ("A power of the radius", [ones, likelihood.whitened(np.log(o.radius))])
     tests = []
-    for name, (text, column) in columns.items():
-        basis = np.linalg.qr(np.column_stack([ones, x, column] if name == "bend" else [ones, column]))[0]
-        rest = r - basis @ (basis.T @ r)
-        tests.append(likelihood.test(name, likelihood.height(r) - likelihood.height(rest), text))
+    for name, (what, freed) in columns.items():
+        basis = np.linalg.qr(np.column_stack(freed))[0]
+        rise = likelihood.height(r) - likelihood.height(r - basis @ (basis.T @ r))
+        tests.append(likelihood.test(name, rise, f"{what} {{so}} than v ~ F: {{outcome}}."))
     return tuple(tests)
 
 
@@ -741,12 +717,16 @@ def compare_laws(
         len(first.observations.pressed) > 0 and any(isinstance(x, tuple) for x in (uncertain or {}).values()),
         "an uncertain offset of a group goes with velocities alone: leave out the indentation, or give each data set one",
     )
-    with_effects = isinstance(first.likelihood, MixedLikelihood)
-    fits = {name: fit(data, burr, law=law, **options) for name, law in of_bone.items() if with_effects}
-    # the best law's
-    effects = min(fits.values(), key=lambda x: x.aic) if fits else None
+    fits: dict[str, Fit] = {}
     observations = replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0)
-    likelihood = LawLikelihood(_at_offsets(observations, effects), residuals == "sigma", effects)
+    effects = None
+    if isinstance(first.likelihood, MixedLikelihood):
+        fits = {name: fit(data, burr, law=law, **options) for name, law in of_bone.items()}
+        effects = cast(
+            "MixedLikelihood", min(fits.values(), key=lambda x: x.aic).likelihood
+        )  # the best law's
+        observations = _at_offsets(observations, effects)
+    likelihood = LawLikelihood(observations, residuals == "sigma", effects)
     report_progress(0, steps)
     points, tests = {}, {}
     for name, law in named.items():
@@ -766,22 +746,28 @@ def compare_laws(
         report_progress(2 * len(named) - 1 + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)
-    rows = []
-    for name, law in named.items():
-        apart = points[name].rows - points[least].rows
-        p = min(min(test.p_value for test in tests[name]) * len(tests[name]), 1.0)
-        rows.append(LawRow(
+    n_rows = len(points[least].rows)
+    rows = sorted((
+        LawRow(
             name, law, points[name].c_e, points[name].alpha, points[name].aic - points[least].aic,
-            float(np.sqrt(len(apart)) * np.std(apart)), tests[name], p, contradicted[name],
+            float(np.sqrt(n_rows) * np.std(points[name].rows - points[least].rows)), tests[name],
+            min(min(test.p_value for test in tests[name]) * len(tests[name]), 1.0), contradicted[name],
             None if contradicted[name] else fits.get(name), with_offsets.get(name),
-        ))  # fmt: skip
-    rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
+        )
+        for name, law in named.items()
+    ), key=lambda row: (row.contradicted, row.delta_aic))  # fmt: skip
     law = next((row.law for row in rows if row.law), Law())
     return LawComparison(
         tuple(rows), *exponents(likelihood, law), law, level, residuals, first.observations,
         _partings(rows, likelihood),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip
+
+
+def _lack_of_fit(of_law: Fit) -> HypothesisTest | None:
+    """The test that calls a fit poor; None if none does."""
+    goodness = of_law.evidence and of_law.evidence.goodness
+    return goodness.test if goodness and goodness.poor else None
 
 
 def _first_fit(
@@ -807,13 +793,12 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
     )
     named: dict[str, Law | None] = {}
     for law in [laws] if isinstance(laws, str | Law) else laws:
-        law = law if isinstance(law, str) else Law.of(law)
-        name = law if isinstance(law, str) else str(law)
+        name = law if isinstance(law, str) else str(Law.of(law))
         refuse(
             isinstance(law, str) and name not in LAWS,
             f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}",
         )
-        named_law = LAWS[law] if isinstance(law, str) else law
+        named_law = LAWS[law] if isinstance(law, str) else Law.of(law)
         refuse(named_law in named.values(), f"laws must be given once each: got {name!r} twice")
         named[name] = named_law
     refuse(not named, "laws must hold one law or more: got none")
@@ -830,10 +815,8 @@ def rise_of(
 
     A run is (F [N], v [mm/s], R [mm]). Both laws are fitted again with the runs, each with its own scatter.
     """
-    heights = []
-    for rows in (replace(o, groups=()), o.with_runs(*run, n)):
-        likelihood = LawLikelihood(rows)
-        heights.append([likelihood.best(law).height for law in laws])
+    likelihoods = LawLikelihood(replace(o, groups=())), LawLikelihood(o.with_runs(*run, n))
+    heights = [[likelihood.best(law).height for law in laws] for likelihood in likelihoods]
     return (heights[1][1] - heights[1][0]) - (heights[0][1] - heights[0][0])
 
 
@@ -843,17 +826,15 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood) -> tuple[Partin
     radii, counts = np.unique(o.radius[np.isnan(o.window_start)], return_counts=True)
     R = float(radii[np.argmax(counts)]) if len(radii) else np.nan  # that of most runs in the default window
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
-    for row in rows[1:]:
-        if row.contradicted or row.delta_aic >= CLOSE or np.isnan(R):
-            continue
+    close = [row for row in rows[1:] if not row.contradicted and row.delta_aic < CLOSE]
+    for row in close if len(radii) else ():
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
         if np.isnan(first * second).all():
             continue
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
-        for n in _RUNS:
-            if rise_of(o, (rows[0].law, row.law), run, n) > CLOSE:
-                partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
-                break
+        n = next((n for n in _RUNS if rise_of(o, (rows[0].law, row.law), run, n) > CLOSE), None)
+        if n is not None:
+            partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
     return tuple(partings)

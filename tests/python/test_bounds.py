@@ -22,7 +22,7 @@ from burrlab.common.files import attributes
 from burrlab.volume import write_dicom
 
 resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
-#: Evaluates expressions, each in a fork with limits of 10 s and 2 GB more; prints results and memory [MB].
+#: Evaluates expressions, each in a fork with limits of 10 s of CPU and 2 GB more; prints results and memory [MB].
 CHILD = """
 import json, os, resource, signal, sys
 import h5py, numpy as np, burrlab, burrlab.common.check, burrlab.bone.slices
@@ -39,7 +39,8 @@ for line in sys.stdin:
     if not (child := os.fork()):
         size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize() + (2 << 30)
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
-        signal.alarm(10)
+        resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
+        signal.alarm(120)
         peaks = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss]
         try:
             found = repr(eval(line))

@@ -160,11 +160,8 @@ class AnatomyReport(AsDict):
     @classmethod
     def recorded(cls, trace: Any) -> "AnatomyReport | None":
         """The report of the session itself; None if it had no watch or did not come to its end."""
-        refuse(
-            not hasattr(trace, "watched"),
-            f"trace must be a Trace, as load_trace gives it, got {trace!r}",
-            TypeError,
-        )
+        if not hasattr(trace, "watched"):
+            raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
         if trace.watched is None or trace.tissues is None:
             return None
         return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
@@ -187,10 +184,8 @@ class AnatomyReport(AsDict):
     @property
     def removed(self) -> dict[str, float]:
         """Volume removed of each tissue in the session [mm^3]."""
-        return {
-            name: float(levels * (self.voxel_volume / 255.0))
-            for name, levels in zip(self.tissues, self.watched.removed, strict=True)
-        }
+        volumes = self.watched.removed * (self.voxel_volume / 255.0)
+        return dict(zip(self.tissues, volumes.tolist(), strict=True))
 
     @property
     def touched(self) -> dict[str, float]:
@@ -227,10 +222,8 @@ class AnatomyReport(AsDict):
         """
         check_structure(structure, self.structures)
         refuse(not 0 <= burr < self.burrs, f"burr must be an index below {self.burrs}, got {burr}")
-        rows = self.watched.doses[burr]
-        return Dose.of(
-            rows[self.structures.index(structure)], structure, burr, self.period, self.voxel_volume
-        )
+        row = self.watched.doses[burr, self.structures.index(structure)]
+        return Dose.of(row, structure, burr, self.period, self.voxel_volume)
 
     @property
     def doses(self) -> list[Dose]:
@@ -241,8 +234,9 @@ class AnatomyReport(AsDict):
     def _shown(self) -> tuple[list[Dose], str]:
         """Doses beside the structures that burrs came nearest to, and a sentence on the others."""
         nearest = sorted(self.structures, key=self.closest.__getitem__)
-        others = f"{len(nearest[SHOWN:])} structures farther away are left out" if nearest[SHOWN:] else ""
-        return [dose for dose in self.doses if dose.structure in nearest[:SHOWN]], others
+        left_out = len(nearest[SHOWN:])
+        doses = [dose for dose in self.doses if dose.structure in nearest[:SHOWN]]
+        return doses, f"{left_out} structures farther away are left out" if left_out else ""
 
     def equals(self, other: "AnatomyReport") -> bool:
         """Whether settings, events, doses and removed levels are the same to the bit."""
@@ -262,7 +256,8 @@ class AnatomyReport(AsDict):
         if self.structures:
             least = " or ".join(f"{volume:g}" for volume in dict.fromkeys(self._injury_volumes.values()))
             doses, others = self._shown
-            counts = ", ".join(f"{n} {kind}" for kind, n in Counter(e.kind for e in self.events).items())
+            kinds = Counter(event.kind for event in self.events)
+            counts = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
             lines += [
                 f"touched for {TOUCH_TIME:g} s or more [s]: {_listed(self.touched)}",
                 f"injured by {least} mm^3 or more [mm^3]: {_listed(self.injured)}",

@@ -111,9 +111,8 @@ class BoneRecipe(ABC):
 
     def at(self, path: str | os.PathLike[str]) -> Self:
         """The same recipe with another path of its volume, if it has one."""
-        return cast(Self, replace(cast(Any, self), **{
-            name: part.at(path) for name, part in vars(self).items() if isinstance(part, BoneRecipe)
-        }))  # fmt: skip
+        parts = {name: part.at(path) for name, part in vars(self).items() if isinstance(part, BoneRecipe)}
+        return cast(Self, replace(cast(Any, self), **parts))
 
     @abstractmethod
     def bone(self) -> VoxelBone:
@@ -173,22 +172,23 @@ def _volume_files(path: str) -> list[str]:
     if is_stack(path):
         return stack_files(path)
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
-        return sorted(filter(os.path.isfile, map(str, Path(path).glob("*" if holds_dicom(path) else "**/*"))))
+        pattern = "*" if holds_dicom(path) else "**/*"
+        return sorted(str(part) for part in Path(path).glob(pattern) if part.is_file())
     read_header = header_reader(path)
     if read_header is None or is_dicom(path):
         return [path]
-    return [
-        path,
-        *([path[:-4] + ".hdr"] if path.lower().endswith(".img") else []),
-        *map(str, read_header(path)[1].files),
-    ]
+    pair = [path[:-4] + ".hdr"] if path.lower().endswith(".img") else []
+    return [path, *pair, *map(str, read_header(path)[1].files)]
 
 
 @cache
 def _code() -> list[str]:
     """Version of burrlab, and digests of the code that reads volumes and makes bones."""
-    files = [*sorted(Path(__file__).parent.glob("*.py")), Path(_core.__file__)]
-    return [_core.__version__, *map(hash_of, files)]
+    code = [_core.__version__]
+    for path in [*sorted(Path(__file__).parent.glob("*.py")), Path(_core.__file__)]:
+        with contextlib.suppress(OSError):  # as of an editor's lock, a link to nowhere
+            code.append(hash_of(path))
+    return code
 
 
 class _CachedRecipe(_FileRecipe):
@@ -217,20 +217,16 @@ class _CachedRecipe(_FileRecipe):
             return None
         # The entry's checksum is right, and the same code wrote it: it holds what `_keep` puts there.
         header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
-        return unpack_bone(
-            header["shape"], header["spacing"], header["origin"], packed[0],
-            tissues_from_json(header["tissues"]) if header["tissues"] else None, packed[1],
-        )  # fmt: skip
+        table = tissues_from_json(header["tissues"]) if header["tissues"] else None
+        return unpack_bone(header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1])
 
     def grid(self) -> OnGrid:
         """Geometry of the volume; beside a kept bone its voxels are 0."""
         if self._kept is None:
             return self._on()
         header = self._kept.header
-        return Volume(
-            np.broadcast_to(np.uint8(0), header["shape"]), header["spacing"], header["origin"], header["direction"],
-            header["path"], tuple(header["notes"]),
-        )  # fmt: skip
+        zeros, notes = np.broadcast_to(np.uint8(0), header["shape"]), tuple(header["notes"])
+        return Volume(zeros, header["spacing"], header["origin"], header["direction"], header["path"], notes)
 
     def _keep(self, bone: VoxelBone, notes: Sequence[str], least: int) -> None:
         """Keeps a new bone of at least so many voxels, with the geometry of its volume."""
@@ -650,11 +646,8 @@ def labels_of(
     Errors as `read_labels` and `read_stack`.
     """
     if not is_stack(os.fspath(path)):
-        for name, chosen in (
-            ("unknown", unknown != "refuse"),
-            ("transpose", transpose),
-            ("unit", unit is not None),
-        ):
+        options = {"unknown": unknown != "refuse", "transpose": transpose, "unit": unit is not None}
+        for name, chosen in options.items():
             refuse(chosen, f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
     labels = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
@@ -697,10 +690,8 @@ class DrilledRecipe(_FileRecipe):
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
-        return {
-            "kind": self._KIND, "path": self.path, "digest": self._drilled.bone.digest(),
-            **({"transpose": self._drilled.transpose} if is_stack(self.path) else {}),
-        }  # fmt: skip
+        transpose = {"transpose": self._drilled.transpose} if is_stack(self.path) else {}
+        return {"kind": self._KIND, "path": self.path, "digest": self._drilled.bone.digest(), **transpose}
 
     @cached_property
     def _drilled(self) -> DrilledVolume:
@@ -753,14 +744,13 @@ class DrilledRecipe(_FileRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
+        provenance = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
         grid: Volume | LabelVolume = (
             Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
             if holds_bone(self.path)
             else self.like()
         )
-        return specimen_in(grid, bone, entry, axis, {
-            "path": self.path, "recipe": self.plain(), "notes": list(self.notes()),
-        }, f"after {self.tick} ticks")  # fmt: skip
+        return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
 
     def _voxel(self) -> ArrayLike:
         return self._drilled.bone.spacing

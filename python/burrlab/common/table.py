@@ -162,10 +162,8 @@ class Table:
             where = f"{name}, line {line}"
             try:
                 texts = _fields(where, content)
-                refuse(
-                    not len(columns) <= len(texts) <= len(columns) + empty or any(texts[len(columns) :]),
-                    f"{where}: {due}, found {len(texts)}",
-                )
+                is_due = len(columns) <= len(texts) <= len(columns) + empty and not any(texts[len(columns) :])
+                refuse(not is_due, f"{where}: {due}, found {len(texts)}")
             except ValueError as error:
                 faults.append(str(error))
                 continue
@@ -270,11 +268,8 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
 
 def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
     """Writes comment lines, column names and rows; NaN becomes an empty field."""
-    refuse(
-        not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"),
-        f"file must be a path or an open text file, got {shown(file)}",
-        TypeError,
-    )
+    writable = isinstance(file, (str, os.PathLike)) or hasattr(file, "write")
+    refuse(not writable, f"file must be a path or an open text file, got {shown(file)}", TypeError)
     text = io.StringIO()
     text.writelines(f"# {key}: {value}\n" for key, value in comments.items())
     writer = csv.writer(text, lineterminator="\n")
@@ -315,11 +310,10 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
-    refuse(
-        not isinstance(provenance, Mapping),
-        f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}",
-        TypeError,
-    )
+    if not isinstance(provenance, Mapping):
+        raise TypeError(
+            f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}"
+        )
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     return dict(json.loads(text))
 

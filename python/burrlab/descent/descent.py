@@ -187,19 +187,18 @@ def _check_arguments(
     rig: Rig | None, controller: ForceController | None, ideal: bool,
 ) -> None:  # fmt: skip
     """Errors of `descend`."""
-    for name, tool, kind, example in (
-        ("specimen", specimen, Specimen, "half_space(burr, 0.1)"),
-        ("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it"),
-        ("controller", controller, ForceController, "ForceController(2.0)"),
-    ):
-        if tool is not None:
-            require_type(name, tool, kind, example)
+    if specimen is not None:
+        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
+    if rig is not None:
+        require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
     period = settings.dt if rig is None or ideal else rig.period
     refuse(
         not settings.max_duration * 1e3 / period < 2**63,
         f"max_duration must be below 2^63 ticks of {period:g} ms, got {settings.max_duration:g} s",
     )
     refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
+    if controller is not None:
+        require_type("controller", controller, ForceController, "ForceController(2.0)")
     refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
@@ -284,7 +283,8 @@ def hold(
                     ending = "overloaded" if touched else "never-touched"
                 break
             if interrupted(immersion):
-                raise KeyboardInterrupt
+                ending = "interrupted"
+                break
     except KeyboardInterrupt:
         ending = "interrupted"
     return Series(
@@ -323,11 +323,12 @@ def control(
                 f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at "
                 f"sample {tick}; it was stopped",
             )
-            if (reason := loop.answer(reading)) is not None:
+            reason = loop.answer(reading)
+            if reason is None and tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
+                reason = "interrupted"
+            if reason is not None:
                 ending = reason
                 break
-            if tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
-                raise KeyboardInterrupt
     except KeyboardInterrupt:
         ending = "interrupted"
     finally:

@@ -165,7 +165,7 @@ def force_sweep(
     >>> curve.status
     ('ok', 'ok')
     """
-    values = _checked_forces(burr, material, forces, repeats, specimen)
+    values = _checked_forces(burr, material, forces, repeats, specimen, ideal)
     refuse(
         seed is None and store is not None,
         "seed must be given with a store, which finds results by it, got None",
@@ -210,7 +210,7 @@ def force_sweep(
 
 
 def _checked_forces(
-    burr: Burr, material: Material, forces: Any, repeats: int, specimen: object
+    burr: Burr, material: Material, forces: Any, repeats: int, specimen: object, ideal: object
 ) -> np.ndarray:
     """The forces; errors of `force_sweep`."""
     require_tool(burr, material)
@@ -226,6 +226,7 @@ def _checked_forces(
         f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}",
         TypeError,
     )
+    refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     return values
 
 

@@ -108,10 +108,7 @@ class TableLayout:
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.common_unit: dict[str, str] = {}  #: A unit for all, by the columns that can have it.
         if isinstance(unit, str):
-            letters = _letters(unit)
-            self.common_unit = {name: letters for name, base in self.units.items() if letters in UNITS[base]}
-            known = dict.fromkeys(known for base in self.units.values() for known in UNITS[base])
-            refuse(not self.common_unit, f"unit must be one of {', '.join(known)}: got {shown(letters)}")
+            self.common_unit = self._columns_of_unit(_letters(unit))
             self.units |= self.common_unit
             unit = {}
         _check_mapping("unit", unit, self.units, str)
@@ -140,6 +137,13 @@ class TableLayout:
         self.group_headings = _group_headings(groups, specimen)
         self.skipped: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
+
+    def _columns_of_unit(self, unit: str) -> dict[str, str]:
+        """The columns that can have a unit for all, each with this unit."""
+        takers = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
+        units = dict.fromkeys(known for base in self.units.values() for known in UNITS[base])
+        refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
+        return takers
 
     def file(self, file: Path | IO[str] | IO[bytes]) -> "TableLayout":
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""

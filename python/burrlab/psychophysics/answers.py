@@ -108,11 +108,11 @@ class Answers(table.Tabular):
 
     def __repr__(self) -> str:
         practice = len(self.rows) - len(self.main)
-        return (
+        text = (
             f"Answers({'a simulated ' * self.simulated}subject {self.subject}, task {self.name} ({self.task}), "
-            f"{len(self.main)} answers{f' and {practice} in practice' * bool(practice)}"
-            f"{''.join(f'; {note}' for note in self.notes)})"
+            f"{len(self.main)} answers" + f" and {practice} in practice" * bool(practice)
         )
+        return "; ".join([text, *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
         return table.html_table(
@@ -203,11 +203,11 @@ def read_answers(
             len(reader.rows) > car.trials,
             f"{file}: the run has at most {car.trials} trials, got {len(reader.rows)} answers",
         )
+    notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
     return Answers(
-        **labels, rows=tuple(row for _, row in reader.rows), side_car=car, source=file,
-        notes=(f"the last line of {file} was broken off and is left out",) * bool(torn),
-    )  # fmt: skip
+        **labels, rows=tuple(row for _, row in reader.rows), side_car=car, notes=notes, source=file
+    )
 
 
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
@@ -249,9 +249,8 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCa
         "2ifc": {"R": "reference"} if car.design.get("boundary_mm") is None else {},
     }[car.task]
     names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
-    levels = {
-        f"{x:.9g}" for x in (car.design["levels"] if car.design["design"] == "constant-stimuli" else ())
-    }
+    fixed = car.design["levels"] if car.design["design"] == "constant-stimuli" else ()
+    levels = {f"{level:.9g}" for level in fixed}
     for line, row in rows:
         refuse(
             "parameter" in car.design
@@ -259,7 +258,8 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCa
             f"{file}, line {line}, column level: must be one of the design's, got {row.level}",
         )
         moved = {"C": f"{names['R']} {car.design['parameter']} x{row.level:.6g}"} if "R" in names else {}
-        expected = [(names | moved).get(letter) for letter in ([""] * ("" in names) + list(row.trial_type))]
+        letters = ([""] if "" in names else []) + list(row.trial_type)
+        expected = [(names | moved).get(letter) for letter in letters]
         for place, (stimulus, name) in enumerate(zip(row.stimuli, expected, strict=False), start=1):
             refuse(
                 None not in (stimulus, name) and stimulus != name,
@@ -594,10 +594,9 @@ class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
         line = as_text(answer, self._columns)
+        fields = line.decode().rstrip("\n").split("\t")
         with amend_error("answer: "):  # parsed as it will be read: no row is written that cannot be read back
-            row = self._reader.parse(
-                dict(zip(self._columns, line.decode().rstrip("\n").split("\t"), strict=True))
-            )
+            row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
         synced_write(self._file, self.path, line)
         self._reader.add(len(self._reader.rows) + 2, row)
         self.end = max(self.end, _end(row))
@@ -626,8 +625,9 @@ def _end(row: AnswerRow) -> float:
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
     expected, columns = side_car.columns, table.parse(os.fspath(path), content).columns
-    # An earlier version wrote fewer; none wrote a task with a boundary without its columns.
-    if columns != tuple(x for x in expected if x in (*columns, "boundary", "reached") or not is_optional(x)):
+    needed = {"boundary", "reached"}  # no version wrote such a task without
+    # An earlier version wrote fewer.
+    if columns != tuple(x for x in expected if x in columns or x in needed or not is_optional(x)):
         pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
         place, (was, now) = next(pair for pair in enumerate(pairs, start=1) if pair[1][0] != pair[1][1])
         raise ValueError(
@@ -786,7 +786,9 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
     """
     content, torn = table.split_torn(content_of(path))
     heading = table.line(_COLUMNS)
-    if torn and (content or not heading.startswith(torn)):
+    if torn and not content and heading.startswith(torn):
+        os.ftruncate(file, 0)
+    elif torn:
         columns = table.parse(os.fspath(path), content or torn).columns
         *before, last = torn.decode(errors="replace").split("\t")
         whole = row.get(columns[-1], table.NOTHING)
@@ -795,7 +797,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
         ):
             synced_write(file, path, b"\n")
             return columns
-    os.ftruncate(file, len(content))
+        os.ftruncate(file, len(content))
     if content:
         return table.parse(os.fspath(path), content).columns
     synced_write(file, path, heading)

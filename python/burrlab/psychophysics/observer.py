@@ -5,7 +5,7 @@ They serve to rehearse an experiment, not to explain people.
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias, cast, get_args
 
@@ -98,9 +98,6 @@ def drilling_hand(
     """
     return HandDevice((0.0, 0.0, burr.radius + clearance), push=push, amplitude=0.5 * stroke, strokes=strokes)
 
-
-#: The simulated hand of each mode.
-HANDS: dict[Mode, Callable[[Burr], HandDevice]] = {"probing": probing_hand, "drilling": drilling_hand}
 
 CueName: TypeAlias = Literal["stiffness", "force", "sinking", "change"]
 
@@ -263,10 +260,9 @@ def rendered_cues(
     >>> round(cues.stiffness, 3), cues.presses
     (0.776, 1)
     """
+    hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
     interval = Interval(Stimulus(material.name, material), seed, duration, boundary)
-    return interval_cues(
-        render(interval, HANDS[mode](burr), burr=burr, bone=bone, mode=mode, wall_clock=False)
-    )
+    return interval_cues(render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False))
 
 
 def _presses(force: Floats) -> Iterator[tuple[int, int]]:

@@ -299,16 +299,15 @@ def subjects_of(table: TomlTable) -> tuple[str, ...]:
 
 def _check_labels(table: TomlTable, what: str, labels: list[str]) -> None:
     """Raises ValueError unless the labels can be part of file names on any file system."""
-    lower = [label.lower() for label in labels]
-    for place, label in enumerate(labels):
+    seen: dict[str, str] = {}
+    for label in labels:
         table.refuse(
             not (label.isascii() and label.isalnum()),
             f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}",
         )
-        first = lower.index(label.lower())
-        table.refuse(
-            first < place, f"{what}'s name must be there once, got {shown(labels[first])} and {label!r}"
-        )
+        if (other := seen.get(label.lower())) is not None:
+            raise table.error(f"{what}'s name must be there once, got {shown(other)} and {label!r}")
+        seen[label.lower()] = label
 
 
 def device_of(table: TomlTable, folder: Path) -> str:
@@ -356,10 +355,8 @@ def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
     ):  # fmt: skip
         options[key] = table.get(key, kind, default=None)
         table.refuse(path is None and key in table, f"{key} goes with volume")
-        table.refuse(
-            path is not None and key in ("map", "entry_mm", "axis") and key not in table,
-            f"{key} is missing: volume needs it",
-        )
+        needed = path is not None and key in ("map", "entry_mm", "axis")
+        table.refuse(needed and key not in table, f"{key} is missing: volume needs it")
     if path is None:
         return None
     text, entry, axis, *others = options.values()
@@ -713,10 +710,8 @@ class Protocol:
             If the file cannot be written.
         """
         order = self.order(subject, task)
-        return AnswerFile.open(
-            self.data.answers(subject, task), order,
-            self.side_car(subject, task, device=device, simulated=simulated),
-        ), order  # fmt: skip
+        car = self.side_car(subject, task, device=device, simulated=simulated)
+        return AnswerFile.open(self.data.answers(subject, task), order, car), order
 
     def to_dict(self) -> dict[str, Any]:
         """The whole protocol for JSON, without its place on the disk."""

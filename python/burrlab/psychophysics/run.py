@@ -26,7 +26,7 @@ from burrlab.common.check import amend_error, refuse
 from burrlab.psychophysics.answers import AnswerFile
 from burrlab.psychophysics.designs import Draws, Interval, Mode, Order, Stimulus, TaskDesign, Trial
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
-from burrlab.psychophysics.observer import HANDS, drilling_hand
+from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.rules import KEYS
 from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
@@ -491,12 +491,11 @@ class Runner:
         return self._feel(trial, repeats + 1)
 
     def _welcome(self, first: Trial) -> None:
-        keys = " or ".join(
-            f"{key} for {answer}"
-            for key, answer in zip(self._protocol.keys, self._design.answers, strict=True)
-        )
+        answers = zip(self._protocol.keys, self._design.answers, strict=True)
+        keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
+        count = {2: "two", 3: "three"}[len(long)]
         lengths = (
             f"Each lasts {long[0]}; a beep tells its start and its end."
             if len(set(long)) == 1
@@ -504,7 +503,7 @@ class Runner:
         )
         self.seat.progress("")
         self.seat.ready(
-            f"{'You go on where you stopped. ' * bool(self._answered)}Each trial has {'two' if len(long) == 2 else 'three'} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
+            f"{'You go on where you stopped. ' * bool(self._answered)}Each trial has {count} intervals. {lengths} Then you are asked: {self._design.question}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
@@ -843,7 +842,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     with amend_error("device "):
         device = parse_device(text)
     if device.kind == "hand":
-        return lambda mode: HANDS[mode](protocol.burr)
+        return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
     if device.kind in ("igtl", "vrpn"):  # each interval has its own connection
         return lambda mode: open_device(device, protocol.lost_after)
     opened = (

@@ -338,10 +338,8 @@ def thin_layer_velocity(
     R, force = burr.radius, positive("force", force)
     phi = Law.of(material).master_phi(force / (material.c_e * R**2))
     depth = real(immersion, "immersion")
-    refuse(
-        not ((depth > 0) & (depth <= R)).all(),
-        f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}",
-    )
+    inside = (depth > 0) & (depth <= R)
+    refuse(not inside.all(), f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
     velocity: Floats = np.asarray(_core.thin_layer_velocity(material.shape, phi, depth / R))
     return PER_SECOND * material.alpha * R * velocity * rate_factor(force, material.rate_exponent)
 
@@ -434,7 +432,9 @@ class MasterCurve:
     ) -> Floats:
         """log Psi at log phi, for tables of many; see `velocity_ratio`."""
         spline = _window_spline(self.shape.name, start, stop)
-        return np.where(log_phi >= np.log(spline.end), np.nan, spline.log_ratio(log_phi))
+        log_ratio: Floats = spline.log_ratio(log_phi)
+        log_ratio[log_phi >= np.log(spline.end)] = np.nan
+        return log_ratio
 
     def local_slope(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None

@@ -54,18 +54,20 @@ def prepare_off_screen() -> None:
     OSError
         If there is neither a screen nor a library that draws without one; VTK itself would end the process.
     """
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        kinds = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
-        present = (kinds[library] for library in kinds if ctypes.util.find_library(library))
-        kind = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or next(present, "")
-        refuse(not kind, f"drawing without a screen needs the Debian packages {PACKAGES}", OSError)
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
+    chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or os.environ.get("DISPLAY")
+    if chosen or not sys.platform.startswith("linux"):
+        return
+    kinds = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
+    kind = next((kinds[library] for library in kinds if ctypes.util.find_library(library)), "")
+    refuse(not kind, f"drawing without a screen needs the Debian packages {PACKAGES}", OSError)
+    os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
 
 
 def check_screen() -> None:
     """OSError if a window would have no screen to open on."""
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     refuse(
-        sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))),
+        sys.platform.startswith("linux") and not screen,
         "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)",
         OSError,
     )
@@ -93,14 +95,15 @@ class StereoEyes:
     def __init__(self, plotter: Any, note: str = "") -> None:
         self.plotter = plotter
         main = plotter.renderer
-        # left half, right half; the mouse moves the main renderer's camera
-        look = {name: getattr(main, f"Get{name}")() for name in (
-            "Background", "Background2", "GradientBackground"
-        )}  # fmt: skip
-        self.renderers = [
-            new("vtkRenderer", LightCollection=main.GetLights(), Interactive=False, **look) for _ in range(2)
-        ]
+        ground = {
+            name: getattr(main, f"Get{name}")()
+            for name in ("Background", "Background2", "GradientBackground")
+        }
+        self.renderers = [new("vtkRenderer", **ground) for _ in range(2)]  # left half, right half
         for renderer in self.renderers:
+            renderer.InteractiveOff()  # the mouse moves the main renderer's camera
+            for light in main.GetLights():
+                renderer.AddLight(light)
             plotter.render_window.AddRenderer(renderer)
         self.scales = [ScaleBar(renderer, note) for renderer in self.renderers]
 
@@ -118,6 +121,7 @@ class StereoEyes:
         middle = (left + right) / 2
         width, height = self.plotter.window_size
         aspect = (middle - left) * width / ((high - low) * height)
+        clipping = self.plotter.camera.clipping_range
         pair = eyes(viewpoint, self.separation, aspect)
         for renderer, scale, half, (eye, shift) in zip(
             self.renderers, self.scales, ((left, middle), (middle, right)), pair[::-1] if self.swap else pair, strict=True
@@ -125,7 +129,7 @@ class StereoEyes:
             configure(renderer, Viewport=(half[0], low, half[1], high), UseFXAA=main.GetUseFXAA())
             configure(
                 renderer.GetActiveCamera(), Position=eye.position, FocalPoint=eye.focus, ViewUp=eye.up, ViewAngle=eye.angle,
-                WindowCenter=(shift, 0.0), ClippingRange=self.plotter.camera.clipping_range,
+                WindowCenter=(shift, 0.0), ClippingRange=clipping,
             )  # fmt: skip
             scale.fit(self.plotter)
 

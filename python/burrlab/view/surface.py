@@ -284,8 +284,9 @@ class Surface:
         wanted = list(np.ndindex(self.counts)) if bricks is None else blocks_of_bricks(bricks, bone)
         extracted = surface_blocks(bone, wanted, level=self.level)
         gone = self.blocks.keys() & set(wanted) - extracted.keys()
-        left = {block: surface for block, surface in self.blocks.items() if block not in gone}
-        self.blocks = left | extracted
+        for block in gone:
+            del self.blocks[block]
+        self.blocks.update(extracted)
         return sorted(gone | extracted.keys())
 
     def merged(self) -> SurfaceBlock:

@@ -72,11 +72,10 @@ def create_watch(file: "h5py.File", settings: str, burrs: int, tissues: int) -> 
     """Makes the group of a watch and its datasets except `events`."""
     group = file.create_group(GROUP)
     group.create_dataset("settings", data=np.bytes_(settings.encode()))
+    structures = len(json.loads(settings)["structures"])
     return {
         "events_recorded": group.create_dataset("events_recorded", data=np.uint64(0)),
-        "doses": group.create_dataset(
-            "doses", data=np.zeros((burrs, len(json.loads(settings)["structures"])), DOSE_DTYPE)
-        ),
+        "doses": group.create_dataset("doses", data=np.zeros((burrs, structures), DOSE_DTYPE)),
         "removed_levels": group.create_dataset("removed_levels", data=np.zeros(tissues, np.int64)),
         "counts": group.create_dataset("counts", data=np.zeros(3, np.uint64)),
         "summed": group.create_dataset("summed", data=np.uint8(0)),

@@ -125,8 +125,8 @@ def mastoidectomy_path(
             rows += [(place, True) for place in stroke]
     refuse(not rows, f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-    # ScriptedDevice needs increasing times, even where a point comes twice.
     length = np.linalg.norm(np.diff(center, axis=0), axis=1)
+    # ScriptedDevice needs increasing times, even where a point comes twice.
     durations = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
     on[-1] = False
     return BurrPath(np.append(0.0, np.cumsum(durations)), center * [plan.sign, 1.0, 1.0], on, layers)

@@ -83,10 +83,9 @@ class TargetComparison(AsDict):
     __repr__ = table
 
     def _repr_html_(self) -> str:
-        return html_table(
-            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}",
-            {"tissue": self.tissues, **{f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS}},
-        )
+        volumes = {f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS}
+        title = f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}"
+        return html_table(title, {"tissue": self.tissues, **volumes})
 
     @drawing
     def plot(
@@ -106,10 +105,8 @@ class TargetComparison(AsDict):
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
         axes.margins(x=0.12)
-        axes.set(
-            xlabel="volume of solid bone [mm$^3$]",
-            title=f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}",
-        )
+        title = f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}"
+        axes.set(xlabel="volume of solid bone [mm$^3$]", title=title)
         return axes
 
 

@@ -229,13 +229,11 @@ class Watch:
 
     def core(self, radii: Sequence[float]) -> AnatomyWatch:
         """A new watch of the core for burrs of these radii [mm]. ValueError if limits are out of order."""
-        return AnatomyWatch(
-            [
-                (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
-                for distance, limit in zip(self._distances, self.limits, strict=True)
-            ],
-            [float(radius) for radius in radii],
-        )
+        rows = [
+            (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
+            for distance, limit in zip(self._distances, self.limits, strict=True)
+        ]
+        return AnatomyWatch(rows, [float(radius) for radius in radii])
 
     def distance(self, centers: ArrayLike, structure: str, *, radius: float = 0.0) -> NDArray[np.float64]:
         """Distance of the surface of a sphere to a structure, as in events.
@@ -259,9 +257,8 @@ class Watch:
             If the structure is not watched, or a number is not finite or out of range.
         """
         check_structure(structure, self.structures)
-        return self._distances[self.structures.index(structure)].of_sphere(
-            real(centers, "centers"), scalar(radius, "radius")
-        )
+        at = real(centers, "centers")
+        return self._distances[self.structures.index(structure)].of_sphere(at, scalar(radius, "radius"))
 
     def __repr__(self) -> str:
         limits = ", ".join(

@@ -181,9 +181,8 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
     }  # fmt: skip
     slices = {path for path in paths if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom")}
     refuse(not slices, f"{os.fspath(folder)}: the folder holds no DICOM files")
-    return list(map(str, sorted(slices))), [
-        path.name for path in sorted(paths - slices) if not path.name.startswith(".") and path.name != IN_FOLDER
-    ]  # fmt: skip
+    others = (path.name for path in sorted(paths - slices) if not path.name.startswith("."))
+    return list(map(str, sorted(slices))), [name for name in others if name != IN_FOLDER]
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:

@@ -150,10 +150,8 @@ def read_labels(
             values, names, colours, more = merged(values, segments)
             notes += more
         else:
-            parts = sorted(_parts(header.fields).items())
-            names = {
-                s.label: s.name for s, (_, part) in zip(segments, parts, strict=True) if part.get("Name")
-            }
+            parts = [part for _, part in sorted(_parts(header.fields).items())]
+            names = {s.label: s.name for s, part in zip(segments, parts, strict=True) if part.get("Name")}
             colours = {s.label: s.colour for s in segments if s.colour}
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, names, colours, notes,
@@ -198,16 +196,14 @@ def _read_file(name: str, spacing: float | ArrayLike | None, most: int) -> tuple
         )
     header, layout = read_header(name)
     if any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
-        header = replace(header, notes=(
-            *header.notes, f"{name} was written from a file that says no orientation: {LPS_ASSUMED}",
-        ))  # fmt: skip
+        note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
+        header = replace(header, notes=(*header.notes, note))
     checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
     if header.layers > most:
         three_sizes([header.layers, *header.shape[::-1]], name)
-    return header, _read_values(
-        layout, (*header.shape, header.layers) if header.layers > 1 else header.shape, name
-    )
+    shape = (*header.shape, header.layers) if header.layers > 1 else header.shape
+    return header, _read_values(layout, shape, name)
 
 
 def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]:
@@ -313,8 +309,9 @@ def write_volume(
     >>> folder.cleanup()
     """
     target = Path(path)
-    labels = volume if keeps_labels(target.name) and isinstance(volume, LabelVolume) else None
-    fields = {} if labels is None else segment_fields(labels.labels, labels.names, labels.colours)
+    fields: Mapping[str, str] = {}
+    if keeps_labels(target.name) and isinstance(volume, LabelVolume):
+        fields = segment_fields(volume.labels, volume.names, volume.colours)
     with new_volume(target, volume, fields, compress=compress):
         pass
 
@@ -537,11 +534,9 @@ def merged(
                 f"{first}: export the segmentation as a label map"
             )
         labels[here] = label
-    pairs = dict(zip(numbers, segments, strict=True))
-    return (
-        labels, {label: segment.name for label, segment in pairs.items()},
-        {label: segment.colour for label, segment in pairs.items() if segment.colour}, notes,
-    )  # fmt: skip
+    pairs = list(zip(numbers, segments, strict=True))
+    colours = {label: segment.colour for label, segment in pairs if segment.colour is not None}
+    return labels, {label: segment.name for label, segment in pairs}, colours, notes
 
 
 def _whole(key: str, text: str, most: int) -> int:

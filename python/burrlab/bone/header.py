@@ -392,10 +392,10 @@ def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Storage:
         skip < 0 and encoding != "raw",
         f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}",
     )
-    apart = fields.get("data file")
-    refuse(apart is None and not end, f"{name}: the values must follow the NRRD header in the same file")
-    places = ([Path(name)], end) if apart is None else (_value_files(apart, name), 0)
-    return Storage(kind, encoding, *places, lines, skip)
+    if (apart := fields.get("data file")) is not None:
+        return Storage(kind, encoding, _value_files(apart, name), 0, lines, skip)
+    refuse(not end, f"{name}: the values must follow the NRRD header in the same file")
+    return Storage(kind, encoding, [Path(name)], end, lines, skip)
 
 
 # ---- MetaImage ----
@@ -419,11 +419,11 @@ def meta_header(name: str) -> tuple[Header, Storage]:
 
     def numbers(default: list[float], *keys: str) -> Array:
         """Numbers of the first of these fields that the header has."""
-        key = next((key for key in keys if key in fields), "")
-        wrong = (
-            f"{name}: cannot be read as a volume: {key} of the MetaImage header is {shown(fields.get(key))}"
-        )
-        return numbers_in(fields[key], wrong) if key else np.array(default)
+        for key in keys:
+            if key in fields:
+                where = f"{name}: cannot be read as a volume: {key} of the MetaImage header is"
+                return numbers_in(fields[key], f"{where} {shown(fields[key])}")
+        return np.array(default)
 
     refuse(
         "DimSize" not in fields, f"{name}: cannot be read as a volume: the MetaImage header has no DimSize"
@@ -469,12 +469,12 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)
+    direction = matrix.reshape(n, n)[:3, :3].T  # its rows are the voxel axes
     custom_fields = {
         key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
     }
-    # the rows of the matrix are the voxel axes
-    place = spacing, scale * origin[:3], matrix.reshape(n, n)[:3, :3].T, tuple(notes)
-    return Header(shape, *place, custom_fields), _meta_layout(fields, end, name)
+    header = Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields)
+    return header, _meta_layout(fields, end, name)
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
@@ -554,14 +554,15 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
         slope, inter = 1.0, 0.0
     refuse(not math.isfinite(inter), f"{name}: scl_inter of the NIfTI header must be finite, got {inter}")
     place = pair + ".img" if pair is not None and apart else name
+    layout = Storage(
+        np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
+        inter=inter,
+    )  # fmt: skip
     texts = {  # ITK refuses to write a text that does not end in a zero byte
         key: at[field][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore")
         for key, field in _KEPT_NIFTI.items()
     }
-    return Header(shape, *_nifti_place(at, shape, name), texts), Storage(
-        np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
-        inter=inter,
-    )  # fmt: skip
+    return Header(shape, *_nifti_place(at, shape, name), texts), layout
 
 
 def _is_packed(path: str) -> bool:
@@ -650,9 +651,11 @@ def _from_quaternion(at: dict[str, Any], name: str) -> Array:
     if square > 1.0:
         b, c, d = (part / math.sqrt(square) for part in (b, c, d))
     a = math.sqrt(max(1.0 - square, 0.0))
-    turn = np.array([
-        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-    ])  # fmt: skip
+    turn = np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ]
+    )
     return np.asarray(turn * (1.0, 1.0, -1.0 if at["pixdim"][0] < 0 else 1.0))

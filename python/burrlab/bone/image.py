@@ -36,10 +36,8 @@ _OBJECTS = {
 def object_html(instance: object) -> str:
     """HTML of a burr, material, bone or volume: a row an attribute."""
     rows = _OBJECTS[(kind := type(instance).__name__)]
-    return html_table(kind, {
-        "": [f"{name} [{unit}]" if unit else name for name, unit in rows.items()],
-        kind: [_plain(getattr(instance, name)) for name in rows],
-    })  # fmt: skip
+    names = [f"{name} [{unit}]" if unit else name for name, unit in rows.items()]
+    return html_table(kind, {"": names, kind: [_plain(getattr(instance, name)) for name in rows]})
 
 
 def _plain(value: Any) -> str:
@@ -530,9 +528,8 @@ class OccupancyMap:
     @property
     def text(self) -> str:
         """The map as text that `parse` reads."""
-        pairs = (
-            [self.greys] if self.occupancies == (0.0, 1.0) else zip(self.greys, self.occupancies, strict=True)
-        )
+        table = zip(self.greys, self.occupancies, strict=True)
+        pairs = [self.greys] if self.occupancies == (0.0, 1.0) else table
         # The shortest texts that read back as the same numbers.
         return ",".join(":".join(repr(number).removesuffix(".0") for number in pair) for pair in pairs)
 
@@ -744,10 +741,8 @@ def specimen_in(
         np.array_equal(surface, start),
         f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
     )
-    return Specimen(
-        bone, surface, direction, f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}",
-        provenance,
-    )  # fmt: skip
+    source = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
+    return Specimen(bone, surface, direction, source, provenance)
 
 
 def _place(low: Array, high: Array, entry: Array) -> str:
@@ -836,13 +831,14 @@ class LabelVolume(OnGrid):
         ValueError
             If no voxel of the volume has its centre in the labels.
         """
+        start = self.bone_point(volume.origin - self.origin)
         # Columns: one voxel of the volume along the axes of the labels [mm].
         steps = (self.direction.T @ volume.direction) * volume.spacing
         z, y, x = (np.arange(n) for n in volume.shape)
         spacing, sizes = (np.reshape(along, (3, 1, 1)) for along in (self.spacing, self.shape[::-1]))
         resampled, covered = np.zeros(volume.shape, self.labels.dtype), 0
         # Along each axis of the labels, for a plane of voxels at a time: no large arrays of indices.
-        across = self.bone_point(volume.origin - self.origin)[:, None] + steps[:, 0, None] * x
+        across = start[:, None] + steps[:, 0, None] * x
         for k in z:
             along = across[:, None] + (steps[:, 1, None] * y)[:, :, None] + (steps[:, 2] * k)[:, None, None]
             places = np.ceil(along / spacing - 0.5 - 1e-9).astype(np.int64)

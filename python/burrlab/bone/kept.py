@@ -71,9 +71,8 @@ def content_digest(target: Path) -> str:
         if holds_dicom(target)
         else sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
     )
-    return hashlib.sha256(b"".join(
-        path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices
-    )).hexdigest()  # fmt: skip
+    contents = (path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices)
+    return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
 def sidecar(target: Path, digest: str) -> Path:
@@ -373,15 +372,12 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
             voxels = np.rint(voxels).astype(np.int64)
             like = replace(like, values=voxels)
     least, most = min(float(voxels.min()), math.floor(empty or 0.0)), float(voxels.max())
-    fits = (
-        kind
-        for kind in map(np.dtype, KINDS if voxels.dtype.kind in "iu" else ())
-        if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
-    )
+    fits = [
+        kind for kind in map(np.dtype, KINDS) if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
+    ]
+    kind = fits[0] if fits and voxels.dtype.kind in "iu" else voxels.dtype
     voxels = voxels if changed is None else changed_values(like, changed)
-    return Volume(
-        voxels.astype(next(fits, like.voxels.dtype)), like.spacing, like.origin, like.direction, like.path
-    )
+    return Volume(voxels.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
 def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
@@ -401,9 +397,8 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
         else:
             channels = image[..., None] if image.ndim == 2 else image
             channels[..., :3] = new[k].transpose(turn)[..., None]
-        Image.fromarray(image[..., :3] if slices.kind == "RGB" else image).save(
-            written, format="PNG", compress_level=3
-        )
+        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        picture.save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml
@@ -523,7 +518,8 @@ class DrilledVolume:
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
                 transpose=self.transpose,
             )  # fmt: skip
-        return (read_labels if self.mapping is None else read_volume)(self.path, spacing=self.bone.spacing)
+        read = read_labels if self.mapping is None else read_volume
+        return read(self.path, spacing=self.bone.spacing)
 
 
 @doing("writing a half-drilled volume")
@@ -600,13 +596,15 @@ def save_drilled(
     slices = check_drilled(target, like, mapping)
     check_same_geometry(grid_of_bone(bone, like), like)
     check_original(bone, like)
-    original = like
+    description = {
+        "kind": KIND,
+        "source": like.path,
+        "map": None if mapping is None else mapping.text,
+        "transpose": ROWS_ALONG_X in like.notes,
+    }
 
     def beside(where: Path, digest: str) -> None:
-        save_bone(where, bone, tick, source=json.dumps({
-            "kind": KIND, "source": original.path, "map": None if mapping is None else mapping.text,
-            "transpose": ROWS_ALONG_X in original.notes, "sha256": digest,
-        }))  # fmt: skip
+        save_bone(where, bone, tick, source=json.dumps({**description, "sha256": digest}))
 
     if slices is not None or is_series(target, like):
         changed = changes(bone, like, mapping)
@@ -614,12 +612,12 @@ def save_drilled(
             if slices is None and not is_whole(like):
                 write_slices(part, _grey(like, changed.empty, changed))
             else:
-                for name, content in (
-                    _derived(like, changed) if slices is None else _drawn(slices, like, changed)
-                ):
+                written_slices = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
+                for name, content in written_slices:
                     write_synced(part / name, content)
             beside(part / IN_FOLDER, content_digest(part))
         return
+    original = like
 
     def planes(part: slice) -> NDArray[Any]:  # no copy of a large volume
         return changed_values(original, changes(bone, original, mapping, part), part)
@@ -660,7 +658,8 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     target = Path(path)
     refuse(not target.exists(), f"{target}: no such file or folder", FileNotFoundError)
     beside, description = own_sidecar(target)
+    bone, tick = load_bone(beside)
+    mapping = None if description.get("map") is None else OccupancyMap.parse(str(description["map"]))
     return DrilledVolume(
-        *load_bone(beside), None if description.get("map") is None else OccupancyMap.parse(str(description["map"])),
-        str(description.get("source", "")), os.fspath(path), bool(description.get("transpose")),
+        bone, tick, mapping, str(description.get("source", "")), os.fspath(path), bool(description.get("transpose"))
     )  # fmt: skip

@@ -33,10 +33,12 @@ class Materials(Mapping[str, Material]):
         return len(self._named)
 
     def __repr__(self) -> str:
-        return "\n".join([
-            f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source",
-            *(f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()),
-        ])  # fmt: skip
+        rows = (
+            f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()
+        )
+        return "\n".join(
+            [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source", *rows]
+        )
 
 
 def constants_of(material: Material) -> dict[str, Any]:
@@ -51,10 +53,9 @@ def constants_of(material: Material) -> dict[str, Any]:
 
 def material_of(constants: Mapping[str, Any], name: str, source: str = "") -> Material:
     """The material of `constants_of`; KeyError, TypeError or ValueError if they make none."""
-    return Material(
-        name, c_e=constants["c_e_N_per_mm2"], alpha=constants["alpha_per_ms"], shape=constants["shape"], source=source,
-        **{exponent: constants[exponent] for exponent in PAPER_LAW if exponent in constants},
-    )  # fmt: skip
+    c_e, alpha, shape = (constants[key] for key in ("c_e_N_per_mm2", "alpha_per_ms", "shape"))
+    law = {exponent: constants[exponent] for exponent in PAPER_LAW if exponent in constants}
+    return Material(name, c_e=c_e, alpha=alpha, shape=shape, source=source, **law)
 
 
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:

@@ -106,10 +106,8 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         if path.is_file() and path.name.startswith(prefix or "") and not path.name.startswith(".")
         if path.suffix.lower() == ".png" or not in_folder
     ]
-    refuse(
-        not pictures,
-        f"{text}: there are no PNG slices{'' if prefix is None else f' that begin with {prefix!r}'}",
-    )
+    named = "" if prefix is None else f" that begin with {prefix!r}"
+    refuse(not pictures, f"{text}: there are no PNG slices{named}")
     # a description counts from 0
     return SliceFiles(_in_order(text, pictures, latest=int(prefix is None) if in_folder else None))
 
@@ -118,11 +116,8 @@ def stack_files(path: str) -> list[str]:
     """All files that a stack is read from."""
     if Path(path).suffix.lower() in _DESCRIPTIONS:
         return [path, *stack_files(str(read_description(path, unit=1.0).folder))]
-    return sorted(
-        str(part)
-        for part in (Path(path).iterdir() if Path(path).is_dir() else map(Path, glob.glob(path)))
-        if part.suffix.lower() == ".png"
-    )
+    parts = Path(path).iterdir() if Path(path).is_dir() else map(Path, glob.glob(path))
+    return sorted(str(part) for part in parts if part.suffix.lower() == ".png")
 
 
 def pixels(path: Path) -> NDArray[Any]:
@@ -196,8 +191,9 @@ def _header(path: Path) -> tuple[int, int, int, str]:
         kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS),
         f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})",
     )
-    check_packed(rows * (1 + columns * bits * _KINDS[kind][1] // 8), path.stat().st_size, str(path))
-    return columns, rows, bits, _KINDS[kind][0]
+    name, channels = _KINDS[kind]
+    check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
+    return columns, rows, bits, name
 
 
 #: The first of two structures here gets a voxel that both claim (ours). The facial nerve is first. Thin
@@ -561,11 +557,8 @@ def _content(name: str) -> Any:
     class BoundedLoader(yaml.SafeLoader):  # type: ignore[name-defined, misc]
         def flatten_mapping(self, node: Any) -> None:
             super().flatten_mapping(node)
-            refuse(
-                len(node.value) > _LONGEST,
-                f"a mapping must have at most {_LONGEST} keys, merged ones included",
-                yaml.YAMLError,
-            )
+            if len(node.value) > _LONGEST:
+                raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
 
         def compose_mapping_node(self, anchor: Any) -> Any:
             node = super().compose_mapping_node(anchor)
@@ -752,10 +745,7 @@ def stack_of(
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
-    # a grey volume written in colours has opaque grey pixels alone
-    if slices.kind == "grey" or (palette is None and all(
-        np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]) for image in map(pixels, slices.paths)
-    )):  # fmt: skip
+    if slices.kind == "grey" or (palette is None and all(map(_without_colour, map(pixels, slices.paths)))):
         refuse(
             palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
         )
@@ -764,9 +754,8 @@ def stack_of(
         return Volume(values, notes=tuple(notes), **grid)
     colours = Palette(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
-    labels = _stacked(
-        name, (colours.labels(pixels(file), file) for file in slices.paths), shape, colours.dtype, turned
-    )
+    planes = (colours.labels(pixels(file), file) for file in slices.paths)
+    labels = _stacked(name, planes, shape, colours.dtype, turned)
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
         colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()
@@ -806,6 +795,11 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
     refuse(spacing is None, f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
     refuse(unit is not None, "unit goes with a YAML file: spacing is in mm")
     return None
+
+
+def _without_colour(image: NDArray[Any]) -> bool:
+    """Whether every pixel is opaque and grey, as in a grey volume written in colours."""
+    return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
 def _stacked(

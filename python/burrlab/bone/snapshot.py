@@ -358,7 +358,8 @@ def read_bone(group: "h5py.Group") -> tuple[VoxelBone, int]:
 def tissues_to_json(tissues: Tissues) -> str:
     """A table of tissues as text that `tissues_from_json` reads."""
     m = tissues.material
-    return json.dumps({"material": {"name": m.name, **constants_of(m), "source": m.source}, "tissues": [
+    material = {"name": m.name, **constants_of(m), "source": m.source}
+    return json.dumps({"material": material, "tissues": [
         {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
          "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
         for t in tissues

@@ -120,9 +120,8 @@ def block_below_plane(
         np.sum((spacing * normal) ** 2)
     )
     levels = fill(centers, np.clip(below + 0.5, 0, 1), spacing)
-    return Specimen(
-        VoxelBone(levels, spacing, [float(c[0]) for c in centers]), np.asarray(shift), normal, source
-    )
+    bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in centers])
+    return Specimen(bone, np.asarray(shift), normal, source)
 
 
 def half_space(

@@ -455,11 +455,9 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
         mark = _WAITS if t.label in unnamed and t.name != f"structure {t.label}" else ""
         rows.append([t.label, t.name + mark, colour, *values, *flags])
     stream = io.StringIO()
-    table.write(
-        stream,
-        {"material": json.dumps(json.loads(tissues_to_json(tissues))["material"])},
-        {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)},
-    )
+    material = json.dumps(json.loads(tissues_to_json(tissues))["material"])
+    columns = {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)}
+    table.write(stream, {"material": material}, columns)
     return stream.getvalue()
 
 
@@ -504,10 +502,8 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 def label_scatter(ratio: float, smooth: bool = False) -> str:
     """`LABEL_SCATTER` in words, interpolated between its rows; outside them, of the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
-    least, most = (
-        np.interp(ratio, list(LABEL_SCATTER), column)
-        for column in zip(*(row[smooth] for row in LABEL_SCATTER.values()), strict=True)
-    )
+    columns = zip(*(row[smooth] for row in LABEL_SCATTER.values()), strict=True)
+    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in columns)
     return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
 
 
@@ -691,9 +687,8 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
         f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)",
     )
     bone, colour = tissues.material, _BY_NAME[UNLABELLED].colour
-    return Tissues(
-        [*tissues, Tissue(UNLABELLED, label=0, c_e=bone.c_e, alpha=bone.alpha, colour=colour)], bone
-    )
+    background = Tissue(UNLABELLED, label=0, c_e=bone.c_e, alpha=bone.alpha, colour=colour)
+    return Tissues([*tissues, background], bone)
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:

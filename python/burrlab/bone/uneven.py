@@ -190,11 +190,11 @@ class BoneField:
             )
             return np.rint(fraction * self.levels(*centers, seed=seed)).astype(np.uint8)
 
-        return block_below_plane(
-            burr, voxel, filled, f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "
-            f"correlation length {self.correlation_length:g} mm, seed {seed}",
-            depth=depth, axis=axis, offset=offset,
-        )  # fmt: skip
+        source = (
+            f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "
+            f"correlation length {self.correlation_length:g} mm, seed {seed}"
+        )
+        return block_below_plane(burr, voxel, filled, source, depth=depth, axis=axis, offset=offset)
 
 
 def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
@@ -209,7 +209,10 @@ def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
 def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) -> Floats:
     """Weighted sums along an axis in a fixed order: every block gets the same bits, unlike with a BLAS."""
     weights = weight.reshape([len(weight), *(-1 if k == axis else 1 for k in range(3))])
-    return np.asarray(sum(part * np.take(field, first + k, axis=axis) for k, part in enumerate(weights)))
+    total = weights[0] * np.take(field, first, axis=axis)
+    for k in range(1, len(weights)):
+        total += weights[k] * np.take(field, first + k, axis=axis)
+    return np.asarray(total)
 
 
 def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
@@ -227,7 +230,6 @@ def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
 
 def unit_draws(seed: int, stream: int, counter: list[int], count: int) -> Floats:
     """Draws in (0, 1) that depend on the two words of the key and the four of the counter alone."""
-    raw = np.random.Philox(
-        key=np.array([seed, stream], np.uint64), counter=np.array(counter, np.uint64)
-    ).random_raw(count)
+    key = np.array([seed, stream], dtype=np.uint64)
+    raw = np.random.Philox(key=key, counter=np.array(counter, dtype=np.uint64)).random_raw(count)
     return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)

@@ -90,7 +90,9 @@ class Entry:
             ):
                 return
             head = json.dumps([header, files, [len(part) for part in parts]]).encode() + b"\n"
-            check = functools.reduce(lambda check, content: zlib.crc32(content, check), (head, *parts), 0)
+            check = 0
+            for content in (head, *parts):
+                check = zlib.crc32(content, check)
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             with new_part(path) as part:
                 part.chmod(0o600)

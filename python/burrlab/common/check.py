@@ -184,9 +184,8 @@ def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise ImportError(
-            f"{what} needs {usual_name or module.partition('.')[0]}: pip install 'burrlab[{name}]'"
-        ) from None
+        needed = usual_name or module.partition(".")[0]
+        raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
 
 
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:

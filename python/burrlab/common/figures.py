@@ -241,9 +241,10 @@ def _fit_title(axes: Axes) -> None:
     from matplotlib import rcParams
 
     size = rcParams["font.size"]
-    fill = textwrap.TextWrapper(int(144 * axes.bbox.width / axes.figure.dpi / size)).fill
     title = re.sub(r"(?<=\d) (?=\S)", "\u00a0", axes.get_title())  # a number stays with its unit
-    axes.title.set(text="\n".join(map(fill, title.split("\n"))).replace("\u00a0", " "), fontsize=size)
+    fit = int(144 * axes.bbox.width / axes.figure.dpi / size)
+    lines = "\n".join(textwrap.fill(line, fit) for line in title.split("\n"))
+    axes.title.set(text=lines.replace("\u00a0", " "), fontsize=size)
 
 
 def _legend(axes: Axes, may_grow: bool) -> None:
@@ -325,8 +326,8 @@ def _legend_below(figure: Figure, axes: Axes, handles: dict[str, Any], look: dic
         if width <= room.width:
             return legend
         legend.remove()
-    # a tenth is for the handles
-    fill = textwrap.TextWrapper(max(int(max(map(len, handles)) * (room.width / width - 0.1)), 10)).fill
+    fit = int(max(map(len, handles)) * (room.width / width - 0.1))  # a tenth is for the handles
+    fill = textwrap.TextWrapper(max(fit, 10)).fill
     return _put_legend(axes, {
         label if "\n" in label else fill(label.replace(" = ", "\u00a0=\u00a0")).replace("\u00a0", " "): handle
         for label, handle in handles.items()

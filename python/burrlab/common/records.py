@@ -13,6 +13,7 @@ from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import (
     IO,
+    TYPE_CHECKING,
     Any,
     ClassVar,
     Literal,
@@ -29,6 +30,9 @@ import numpy as np
 
 from burrlab.common.check import content_of, refuse, shown
 from burrlab.common.files import write_text
+
+if TYPE_CHECKING:
+    from cattrs import Converter
 
 Made = TypeVar("Made")
 
@@ -135,12 +139,12 @@ class Codec:
         import cattrs
 
         try:
-            return cast("Made", self._converter.structure(value, kind))
+            return self._converter.structure(value, kind)
         except cattrs.BaseValidationError as error:
             raise ValueError(_sentence(error)) from None
 
     @functools.cached_property
-    def _converter(self) -> Any:
+    def _converter(self) -> "Converter":
         import cattrs
 
         hooks = cattrs.Converter()
@@ -210,7 +214,7 @@ class Codec:
             },
         }
 
-    def _put_together(self, kind: type, converter: Any) -> Callable[[Any, Any], Any]:
+    def _put_together(self, kind: type, converter: "Converter") -> Callable[[Any, Any], Any]:
         """Function that reads a dataclass."""
         from cattrs.gen import make_dict_structure_fn, override
 
@@ -219,14 +223,11 @@ class Codec:
         keys |= {source: key for key, source in known.items() if isinstance(source, str)}
         derived = {key for key, source in known.items() if not isinstance(source, str)}
         needed = [keys[f.name] for f in fields(kind) if f.init and f.default is f.default_factory is MISSING]
-        hooks = {
-            name: functools.partial(self._number, null=meaning)
-            for (owner, name), meaning in self._null.items()
-            if owner is kind
-        }
-        overrides: dict[str, Any] = {
-            name: override(rename=key, struct_hook=hooks.get(name)) for name, key in keys.items()
-        }
+        overrides: dict[str, Any] = {name: override(rename=key) for name, key in keys.items()}
+        for (owner, name), meaning in self._null.items():
+            if owner is kind:
+                number = functools.partial(self._number, null=meaning)
+                overrides[name] = override(rename=keys[name], struct_hook=number)
         structure: Any = make_dict_structure_fn(
             kind, converter, _cattrs_forbid_extra_keys=self._not_finite != "spelt", **overrides
         )
@@ -290,10 +291,8 @@ class InJson(AsDict):
         ValueError
             If the file is something else.
         """
-        refuse(
-            isinstance(file, str) and file.lstrip().startswith(("{", "[")),
-            f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}",
-        )
+        text = isinstance(file, str) and file.lstrip().startswith(("{", "["))
+        refuse(text, f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}")
 
         def made(values: Mapping[str, Any]) -> Any:
             result = cls.from_dict(values)
@@ -351,7 +350,7 @@ def _one_of(value: Any, declared: Any) -> Any:
     return value
 
 
-def _mapping(declared: Any, converter: Any) -> Callable[[Any, Any], Any]:
+def _mapping(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.gen import mapping_structure_factory
 
     key, part = get_args(declared) or (Any, Any)
@@ -359,7 +358,7 @@ def _mapping(declared: Any, converter: Any) -> Callable[[Any, Any], Any]:
     return lambda value, _: structure(_of_type((dict,), value, dict), dict)
 
 
-def _sequence(declared: Any, converter: Any) -> Callable[[Any, Any], Any]:
+def _sequence(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.cols import list_structure_factory
 
     kinds = get_args(declared) or (Any, ...)

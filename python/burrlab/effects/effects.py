@@ -381,7 +381,6 @@ def _at_rate(player: TracePlayer, rate: float) -> Iterator[_Move]:
 def _stepped(player: TracePlayer, effects: Effects, moves: Iterable[_Move]) -> Iterator[float]:
     for bricks, seconds, decision in moves:
         burrs = list(zip(player.burrs.centers, player.burrs.radii, strict=True)) if player.done else []
-        effects.step(
-            seconds, {"bricks": bricks, "density": read_bricks(player.bone, bricks)}, burrs, decision=decision
-        )
+        update = {"bricks": bricks, "density": read_bricks(player.bone, bricks)}
+        effects.step(seconds, update, burrs, decision=decision)
         yield player.time

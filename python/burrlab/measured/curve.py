@@ -327,10 +327,8 @@ class VelocityCurve(TableData):
         return ax
 
     def __repr__(self) -> str:
-        return (
-            f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, "
-            f"{self.force.min():g}..{self.force.max():g} N{self._origin()})"
-        )
+        forces = f"{self.force.min():g}..{self.force.max():g} N"
+        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{self._origin()})"
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

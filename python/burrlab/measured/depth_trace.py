@@ -310,10 +310,8 @@ class DepthTrace(TableData):
         return ax
 
     def __repr__(self) -> str:
-        return (
-            f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, "
-            f"{self.start_mm:g}..{self.end_mm:g} mm{self._origin()})"
-        )
+        set_up = f"{self.force:g} N, R = {self.radius:g} mm, {self.start_mm:g}..{self.end_mm:g} mm"
+        return f"DepthTrace({len(self)} samples, {set_up}{self._origin()})"
 
     def _repr_html_(self) -> str:
         return table.html_table(repr(self), {

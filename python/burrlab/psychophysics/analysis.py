@@ -607,7 +607,8 @@ def _tasks_of(
     by_task: dict[str, dict[str, Counts | Answers]] = {}
     if isinstance(runs, Mapping):
         refuse(not runs, "data must hold a subject, got none")
-        by_task = cast(Any, runs if all(isinstance(x, Mapping) for x in runs.values()) else {"": runs})
+        nested = all(isinstance(subjects, Mapping) for subjects in runs.values())
+        by_task = cast(Any, runs if nested else {"": runs})
     for answers in () if isinstance(runs, Mapping) else runs:
         refuse(
             not isinstance(answers, Answers),
@@ -657,7 +658,8 @@ def _with_selection(task: TaskData, selected_by: Mapping[str, str]) -> TaskData:
     The number of subjects before selection is `selected_from` of the protocol in the side-cars, or else part
     of a text such as "best 12 of 20".
     """
-    text = "; ".join(dict.fromkeys(filter(None, map(selected_by.get, (x.subject for x in task.subjects)))))
+    texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
+    text = "; ".join(filter(None, texts))
     numbers = re.search(r"\bbest (\d+) of (\d+)\b", text, re.IGNORECASE)
     settings = [subject.protocol.get("experiment", {}) for subject in task.subjects]
     selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]

@@ -168,12 +168,12 @@ class TaskDesign(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """The whole design, for JSON and `design_of_dict`."""
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
         return {
             "design": self._kind,
             **{
                 key_of(name): _plain(getattr(self, name))
-                # all designs are dataclasses
-                for name in (*(x.name for x in fields(self)), *self._derived)  # type: ignore[arg-type]
+                for name in (*names, *self._derived)
                 if name not in self._since or getattr(self, name) != self._since[name]
             },
         }
@@ -364,7 +364,8 @@ class FixedOrder(Order):
         self.trials = tuple(trials)
 
     def next(self) -> Trial | None:
-        return next(iter(self.trials[len(self.answered) :]), None)
+        done = len(self.answered)
+        return self.trials[done] if done < len(self.trials) else None
 
 
 def _check_common(design: Any) -> None:
@@ -383,14 +384,12 @@ class FixedDesign(TaskDesign):
     _trial: Callable[..., Trial]
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        draws, trials = Draws(seed, subject, self.to_dict()), list[Trial]()
-        for phase, count, blocks, first in (
-            ("practice", self.practice, 1, 0),
-            ("main", self.trials, self.blocks, 1),
-        ):
-            by_block = enumerate(draws.balanced(self._types, count, blocks), first)
-            planned = enumerate(((kind, block) for block, kinds in by_block for kind in kinds), 1)
-            trials += [self._trial(draws, kind, number, phase, block) for number, (kind, block) in planned]
+        draws = Draws(seed, subject, self.to_dict())
+        first = enumerate(draws.balanced(self._types, self.practice)[0], 1)
+        trials = [self._trial(draws, kind, number, "practice", 0) for number, kind in first]
+        blocks = enumerate(draws.balanced(self._types, self.trials, self.blocks), 1)
+        main = enumerate(((block, kind) for block, kinds in blocks for kind in kinds), 1)
+        trials += [self._trial(draws, kind, number, "main", block) for number, (block, kind) in main]
         return FixedOrder(trials, self.answers)
 
 
@@ -617,17 +616,15 @@ class ComparisonDesign(TaskDesign):
             c_e, alpha = (
                 getattr(self._material, name) * factor**x for name, x in zip(UNITS, along, strict=True)
             )
-            moved = self._moved(
-                f"{where}x{factor:.6g}", c_e, alpha, f"times {factor:.17g}**{along} in c_e and alpha"
-            )
+            source = f"times {factor:.17g}**{along} in c_e and alpha"
+            moved = self._moved(f"{where}x{factor:.6g}", c_e, alpha, source)
             yield self if factor == 1.0 else replace(self, reference=moved)
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
         level = checked_level("level", level)
-        return self._moved(
-            f"{self.parameter} x{level:.6g}", *self._constants(level), f"with {self.parameter} times {level:.17g}; {self.held}"
-        )  # fmt: skip
+        source = f"with {self.parameter} times {level:.17g}; {self.held}"
+        return self._moved(f"{self.parameter} x{level:.6g}", *self._constants(level), source)
 
     def _constants(self, level: float) -> tuple[float, float]:
         """c_e and alpha of a level."""
@@ -646,9 +643,8 @@ class ComparisonDesign(TaskDesign):
         (c_e, alpha), (c_e_below, alpha_below) = self._constants(1.0), self._constants(level)
         p, mean = self._exponent, math.sqrt(c_e * c_e_below)
         slowness = 0.5 * (c_e**p / alpha + c_e_below**p / alpha_below)
-        return self._moved(
-            f"between {self.parameter} x{level:.6g}", mean, mean**p / slowness, f"and its level {level:.17g}, between"
-        )  # fmt: skip
+        where = f"between {self.parameter} x{level:.6g}"
+        return self._moved(where, mean, mean**p / slowness, f"and its level {level:.17g}, between")
 
     def sinks_faster(self, level: float) -> bool:
         """Whether the burr sinks faster in a level's comparison than in the reference."""
@@ -667,11 +663,10 @@ class ComparisonDesign(TaskDesign):
             plain = self.middle(level) if self.foil == "middle" else (plain, layered)[draws.below(2)]
             layered = Stimulus(f"{self.reference.name} over {comparison.name}", self._material)
         stimuli = {"R": (plain, None), "C": (layered, boundary)}
-        return Trial(
-            number, phase, block, order,
-            tuple(Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order),
-            self.answers[order.index(correct)], level,
-        )  # fmt: skip
+        intervals = tuple(
+            Interval(stimuli[x][0], draws.interval_seed(), self.interval, stimuli[x][1]) for x in order
+        )
+        return Trial(number, phase, block, order, intervals, self.answers[order.index(correct)], level)
 
 
 @dataclass(frozen=True)
@@ -768,11 +763,8 @@ class ABX(Scored):
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
         two = [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
         stimuli = ((self.reference, self.reference_interval), *two)
-        return Trial(
-            number, phase, block, kind,
-            tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli),
-            self.answers[kind.index("A")],
-        )  # fmt: skip
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli)
+        return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
     def power(self, subjects: int = 1) -> str:
         return self._power(
@@ -843,11 +835,10 @@ class SameDifferent(Scored):
         self._check("AA, AB, BA, BB", 4)
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        return Trial(
-            number, phase, block, kind,
-            tuple(Interval(self.a if x == "A" else self.b, draws.interval_seed(), self.interval) for x in kind),
-            "same" if kind[0] == kind[1] else "different",
-        )  # fmt: skip
+        intervals = tuple(
+            Interval(self.a if x == "A" else self.b, draws.interval_seed(), self.interval) for x in kind
+        )
+        return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:
         return self._power(

@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln, ndtr, stdtr
 
 from burrlab.common.check import refuse
 from burrlab.common.table import probability_text
@@ -138,7 +139,7 @@ def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> t
     wanted = np.arange(1.0, signals + noises)
 
     def rates(z: Floats) -> tuple[Floats, Floats]:
-        return rule.rates(d_prime, rule.criterion_of(d_prime, scipy.special.ndtr(z)))
+        return rule.rates(d_prime, rule.criterion_of(d_prime, ndtr(z)))
 
     def few(z: Floats) -> NDArray[np.bool_]:
         hit, false_alarm = rates(z)
@@ -158,9 +159,7 @@ def _tilted(log_ways: Floats, log_odds: Floats) -> Floats:
 
 def log_choose(n: int, k: NDArray[Any]) -> Floats:
     """The logarithm of the number of ways to choose k of n."""
-    return np.asarray(
-        scipy.special.gammaln(n + 1) - scipy.special.gammaln(k + 1) - scipy.special.gammaln(n - k + 1)
-    )
+    return np.asarray(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
 
 
 _CHUNK = 2_000_000  # elements of a spectrum at a time
@@ -214,7 +213,7 @@ def rejected_as_few(
         sum(getattr(subject, name)[answered] for subject, answered in zip(subjects, answers.T, strict=True))
         for name in ("mean", "variance")
     )
-    normal = scipy.special.ndtr((np.sum(hits, axis=1) + 0.5 - mean) / np.sqrt(np.maximum(variance, 1e-12)))
+    normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / np.sqrt(np.maximum(variance, 1e-12)))
     sure = (variance > _WIDE) & ((normal < error / _CLOSE) | (normal > error * _CLOSE))
     out &= ~sure | (normal <= error)
     close = np.nonzero(out & ~sure)[0]
@@ -257,7 +256,7 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
     both = np.where(np.isfinite(t), corrected, t), t
     # One subject gives no scatter: the exact test alone decides.
     few, many = (
-        np.where(n < 2, 0.0, np.maximum(*(scipy.special.stdtr(freedom, sign * value) for value in both)))
+        np.where(n < 2, 0.0, np.maximum(*(stdtr(freedom, sign * value) for value in both)))
         for sign in (1.0, -1.0)
     )
     return np.where(n, few, 1.0), np.where(n, many, 1.0)
@@ -600,11 +599,9 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     scores = np.array([c.score / c.trials for c in counts]) * scale
     above, mean = np.array([c.score - 0.5 * c.trials for c in counts]), float(np.mean(scores))
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
-    return GroupScore(
-        len(counts), trials, mean, sem, 0.5 * scale,
-        _mean_interval(mean, sem, len(counts), scale, level) if sem else None, level,
-        (t_test(above if trials else scores - 0.5), sign_flip_test(above)),
-    )  # fmt: skip
+    interval = _mean_interval(mean, sem, len(counts), scale, level) if sem else None
+    tests = (t_test(above if trials else scores - 0.5), sign_flip_test(above))
+    return GroupScore(len(counts), trials, mean, sem, 0.5 * scale, interval, level, tests)
 
 
 def _mean_interval(mean: float, sem: float, n: int, most: float, level: float) -> tuple[float, float]:

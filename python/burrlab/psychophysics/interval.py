@@ -445,7 +445,8 @@ class _Watch:
                 return
 
     def _keep(self, records: NDArray[np.void]) -> None:
-        self._start = float(records["time"][0]) if self._start is None else self._start
+        if self._start is None:
+            self._start = float(records["time"][0])
         burr, ticks = records["burr"][:, 0], np.zeros(len(records), TICK)
         ticks["time"], ticks["periods"] = records["time"] - self._start, records["k"]
         for name in ("touching", "on", "center", "force", "penetration", "removed"):

@@ -35,9 +35,8 @@ class Observer:
     """An unbiased observer with one d' and lapses, and the distribution of scores."""
 
     def __init__(self, decision: Rule, d_prime: float, trials: int, lapse: float) -> None:
-        self.hit, self.false_alarm = (
-            (1.0 - lapse) * float(rate) + 0.5 * lapse for rate in decision.rates(d_prime)
-        )
+        rates = decision.rates(d_prime)
+        self.hit, self.false_alarm = ((1.0 - lapse) * float(rate) + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
         of_signals, of_noises = (
@@ -205,10 +204,8 @@ def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> GroupA
     """Simulated experiments of unbiased subjects with d' = 0."""
     observer, rng = Observer(decision, 0.0, trials, lapse), np.random.default_rng(SEED)
     hits = rng.binomial(observer.half, observer.hit, (EXPERIMENTS, subjects))
-    return GroupAnswers(
-        decision, [(observer.half, observer.half)] * subjects, hits,
-        hits + rng.binomial(observer.half, observer.false_alarm, hits.shape),
-    )  # fmt: skip
+    answers = hits + rng.binomial(observer.half, observer.false_alarm, hits.shape)
+    return GroupAnswers(decision, [(observer.half, observer.half)] * subjects, hits, answers)
 
 
 def equivalence_power(simulated: GroupAnswers, delta: float, error: float) -> tuple[float, float]:

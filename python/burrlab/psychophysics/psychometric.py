@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
+from scipy.special import entr
 
 from burrlab.common.check import extra, refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, Axes, axes_or_new, drawing, styled
@@ -50,13 +51,7 @@ def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Fl
     differences = np.geomspace(smallest, largest, _LEVELS)
     grid = np.stack(np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij")).reshape(3, -1)
     correct = proportion_correct(differences[:, None], *grid)
-    return (
-        thresholds,
-        differences,
-        grid,
-        correct,
-        scipy.special.entr(correct) + scipy.special.entr(1.0 - correct),
-    )
+    return thresholds, differences, grid, correct, entr(correct) + entr(1.0 - correct)
 
 
 def check_correct(correct: int, trials: int) -> None:
@@ -108,7 +103,7 @@ class ThresholdPosterior:
         """
         weights = self.weights()
         p = self._correct @ weights
-        information = scipy.special.entr(p) + scipy.special.entr(1.0 - p) - self._entropy @ weights
+        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def threshold(self, side: float, trials: int, level: float = 0.95) -> "PosteriorThreshold":
@@ -261,7 +256,8 @@ class PsychometricFit:
 
     def proportion_at(self, levels: ArrayLike) -> Floats:
         """Proportion correct, with lapses, at ratios above or below 1."""
-        return proportion_correct(np.abs(np.log(levels)), math.log(self.threshold), self.slope, self.lapse)
+        differences = np.abs(np.log(np.asarray(levels, dtype=np.float64)))
+        return proportion_correct(differences, math.log(self.threshold), self.slope, self.lapse)
 
     def _fall(self) -> float:
         """One-sided p that scores fall with ln |ln ratio| (Cochran and Armitage's test of a trend)."""
@@ -275,10 +271,10 @@ class PsychometricFit:
         low, high = self.interval
         least, most = min(self.ratios), max(self.ratios)
         fall = self._fall()
+        falling = f"scores fall as the difference grows ({probability_text(fall)}): were levels swapped?"
         lines = [
             below_chance(sum(self.correct), sum(self.trials)),
-            f"scores fall as the difference grows ({probability_text(fall)}): were levels swapped?"
-            * bool(fall < BELOW_CHANCE),
+            falling * bool(fall < BELOW_CHANCE),
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
             f"extrapolated: the levels go from {least:.3g} to {most:.3g}"
@@ -314,10 +310,8 @@ class PsychometricFit:
         reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), **styled(style, color=POSITION, linewidth=1.4))
-        low, high = np.array([  # Clopper and Pearson's
-            scipy.stats.binomtest(*of_level).proportion_ci(self.level)
-            for of_level in zip(self.correct, self.trials, strict=True)
-        ]).T  # fmt: skip
+        tests = map(scipy.stats.binomtest, self.correct, self.trials)
+        low, high = np.array([test.proportion_ci(self.level) for test in tests]).T  # Clopper and Pearson's
         bars = x.size <= _MOST_BARS
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)
@@ -337,11 +331,8 @@ class PsychometricFit:
         ticks = x if x.size <= 8 else np.geomspace(x.min(), x.max(), 6)
         ax.set_xticks(ticks, [f"{self._shown(tick):.3g}" for tick in ticks])
         ax.minorticks_off()
-        over = (
-            ""
-            if None in (self.reference, self.parameter)
-            else f"'s {self.reference:g} {UNITS[self.parameter or '']}"
-        )
+        known = self.reference is not None and self.parameter is not None
+        over = f"'s {self.reference:g} {UNITS[self.parameter or '']}" if known else ""
         name = "ratio or its inverse" if self.side == "both" else "ratio"
         ax.set(
             xlim=(min(span[0], 0.95 * ends[0]), reach),
@@ -429,13 +420,7 @@ def psychometric_function(
         f"{len(trials)}",
     )
     ratios = [checked_level("levels", ratio) for ratio in levels]
-    for right, number in zip(correct, trials, strict=True):
-        check_correct(right, number)
-    rows = zip(
-        (max(ratio, 1.0 / ratio) for ratio in ratios), map(int, correct), map(int, trials), strict=True
-    )
-    pooled = sorted(summed(rows))  # a ratio and its inverse together, from the smallest
-    refuse(len(pooled) < 2, f"levels must hold at least two different differences from 1, got {len(pooled)}")
+    pooled = _pooled(ratios, correct, trials)
     if parameter is not None:
         one_of("parameter", parameter, tuple(UNITS))
     refuse(
@@ -470,6 +455,17 @@ def psychometric_function(
         at_bounds=tuple(dict.fromkeys(at_bounds)),
         provenance=provenance(psignifit=version("psignifit")),
     )
+
+
+def _pooled(ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]) -> list[Level]:
+    """Ratios above 1, correct answers and trials, from the smallest; a ratio and its inverse are pooled."""
+    rows = []
+    for ratio, right, number in zip(ratios, correct, trials, strict=True):
+        check_correct(right, number)
+        rows.append((max(ratio, 1.0 / ratio), int(right), int(number)))
+    pooled = sorted(summed(rows))
+    refuse(len(pooled) < 2, f"levels must hold at least two different differences from 1, got {len(pooled)}")
+    return pooled
 
 
 def _ends(values: Sequence[float]) -> tuple[float, tuple[float, float]]:

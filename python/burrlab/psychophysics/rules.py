@@ -179,10 +179,8 @@ class _Differencing(Rule):
     def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
         d = np.asarray(d_prime, dtype=np.float64)
         k = self.unbiased(d) if criterion is None else np.asarray(criterion, dtype=np.float64)
-        return (
-            np.asarray(ndtr((d - k) / _ROOT2) + ndtr((-d - k) / _ROOT2)),
-            np.asarray(2.0 * ndtr(-k / _ROOT2) + 0.0 * d),
-        )
+        hit = ndtr((d - k) / _ROOT2) + ndtr((-d - k) / _ROOT2)
+        return np.asarray(hit), np.asarray(2.0 * ndtr(-k / _ROOT2) + 0.0 * d)
 
     def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
         d, k = np.asarray(d_prime, dtype=np.float64), np.asarray(criterion, dtype=np.float64)
@@ -335,10 +333,9 @@ class Counts:
             )
         refuse(self.trials == 0, "signals and noises must hold a trial, got 0 and 0")
         types = {str(k): (operator.index(n), operator.index(m)) for k, (n, m) in self.by_type.items()}
+        sums = tuple(map(sum, zip(*types.values(), strict=True)))
         refuse(
-            types
-            and [*map(sum, zip(*types.values(), strict=True))]
-            != [self.hits + self.false_alarms, self.trials],
+            types and sums != (self.hits + self.false_alarms, self.trials),
             "by_type must sum to the hits, false alarms and trials",
         )
         object.__setattr__(self, "by_type", MappingProxyType(types))

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri, xlogy
 
 from burrlab.common.check import refuse
 from burrlab.common.table import probability_text
@@ -51,7 +52,8 @@ class Outcomes:
     @classmethod
     def of(cls, counts: Counts) -> "Outcomes":
         """The observed outcome, as arrays without dimension."""
-        return cls(*(np.asarray(getattr(counts, x.name), dtype=np.float64) for x in fields(cls)))
+        numbers = (counts.hits, counts.signals, counts.false_alarms, counts.noises)
+        return cls(*(np.asarray(number, dtype=np.float64) for number in numbers))
 
     @classmethod
     def all(cls, signals: int, noises: int) -> "Outcomes":
@@ -101,12 +103,10 @@ class Outcomes:
         h, f = self.rates
         positive, trials = self.hits + self.false_alarms, self.signals + self.noises
         apart = (
-            scipy.special.xlogy(self.hits, h) + scipy.special.xlogy(self.signals - self.hits, 1.0 - h)
-            + scipy.special.xlogy(self.false_alarms, f) + scipy.special.xlogy(self.noises - self.false_alarms, 1.0 - f)
+            xlogy(self.hits, h) + xlogy(self.signals - self.hits, 1.0 - h)
+            + xlogy(self.false_alarms, f) + xlogy(self.noises - self.false_alarms, 1.0 - f)
         )  # fmt: skip
-        pooled = scipy.special.xlogy(positive, positive / trials) + scipy.special.xlogy(
-            trials - positive, 1.0 - positive / trials
-        )
+        pooled = xlogy(positive, positive / trials) + xlogy(trials - positive, 1.0 - positive / trials)
         return np.asarray(np.where((h > f) | self.undetermined, apart, pooled))
 
     def deviance(self, rule: Rule, d_prime: ArrayLike) -> Floats:
@@ -150,15 +150,15 @@ class Outcomes:
 
         The lower end is 0 if the interval contains 0; the upper end is inf if open.
         """
-        limit = float(scipy.special.chdtri(1.0, 1.0 - level))
+        limit = float(chdtri(1.0, 1.0 - level))
         middle = np.minimum(self.estimate(rule)[0], LARGEST)
 
         def beyond(d: Floats) -> NDArray[np.bool_]:
             return np.asarray(self.deviance(rule, d) > limit)
 
         def end(outside: float, otherwise: float) -> Floats:
-            ends = halving(lambda d: ~beyond(d), middle, outside, _HALVINGS)
-            return np.where(beyond(np.full_like(middle, outside)), 0.5 * sum(ends), otherwise)
+            bound = 0.5 * sum(halving(lambda d: ~beyond(d), middle, outside, _HALVINGS))
+            return np.where(beyond(np.full_like(middle, outside)), bound, otherwise)
 
         return end(0.0, 0.0), end(LARGEST, np.inf)
 
@@ -219,10 +219,8 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     def end(last: int, beyond: int) -> float:
         return float(halving(keeps, scanned[last], scanned[beyond], _TEST_HALVINGS)[1])
 
-    return (
-        0.0 if scanned[accepted[0]] == 0.0 else end(accepted[0], accepted[0] - 1),
-        math.inf if is_open else end(accepted[-1], accepted[-1] + 1),
-    )
+    low = 0.0 if scanned[accepted[0]] == 0.0 else end(accepted[0], accepted[0] - 1)
+    return low, math.inf if is_open else end(accepted[-1], accepted[-1] + 1)
 
 
 def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tuple[Floats, Floats]:

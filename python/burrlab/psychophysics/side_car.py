@@ -258,11 +258,8 @@ Reading: TypeAlias = tuple[Callable[[str], Any], str, Callable[[Any], bool]]
 
 def _one_of(texts: Mapping[str, Any]) -> Reading:
     """The reading of a field that holds one of a few texts, which stand for these values."""
-    return (
-        lambda text: texts.get(text, texts),
-        f"must be one of {', '.join(text for text in texts if text != table.NOTHING)}",
-        lambda meaning: meaning is not texts,
-    )
+    rule = f"must be one of {', '.join(text for text in texts if text != table.NOTHING)}"
+    return lambda text: texts.get(text, texts), rule, lambda meaning: meaning is not texts
 
 
 def _number_or_none(rule: str, holds: Callable[[float], bool]) -> Reading:

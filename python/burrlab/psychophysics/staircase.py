@@ -443,10 +443,8 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         refuse(not levels, "levels must hold at least one, got none")
         refuse(len(set(levels)) < len(levels), f"levels must differ, got {levels}")
         whole("repeats", self.repeats, at_least=2, multiple=2, why=" (RC and CR equally often)")
-        vars(self).update(
-            levels=levels, trials=len(levels) * self.repeats,
-            _types=[[(kind, level) for level in levels] for kind in ("RC", "CR")],
-        )  # fmt: skip
+        types = [[(kind, level) for level in levels] for kind in ("RC", "CR")]
+        vars(self).update(levels=levels, trials=len(levels) * self.repeats, _types=types)
         refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
 
     def extremes(self) -> Sequence[float]:
@@ -460,9 +458,8 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         def estimate(answers: "Answers") -> PosteriorThreshold:
             posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
             for difference in differences:
-                posterior.update(
-                    difference, sum(answers(difference) for _ in range(self.repeats)), self.repeats
-                )
+                right = sum(answers(difference) for _ in range(self.repeats))
+                posterior.update(difference, right, self.repeats)
             return posterior.threshold(1.0, self.trials)
 
         return (
@@ -695,9 +692,8 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
         not isinstance(kind, str) or kind not in DESIGNS,
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
     )
-    present = {
-        name: values[key_of(name)] for name in inspect.signature(DESIGNS[kind]).parameters if key_of(name) in values
-    }  # fmt: skip
+    parameters = inspect.signature(DESIGNS[kind]).parameters
+    present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
     with amend_error(f"design {kind} has a value that is missing or wrong: ", kinds=(KeyError, TypeError)):
         for name, x in present.items():
             if isinstance(x, Mapping):

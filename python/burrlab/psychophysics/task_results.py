@@ -536,12 +536,13 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject.
         """
         self._some()
-        spans = {
-            x.subject: (100 * x.score_interval[0], 100 * x.counts.score / x.counts.trials, 100 * x.score_interval[1])
-            for x in self.subjects
-        }  # fmt: skip
+        names = [subject.subject for subject in self.subjects]
+        spans = [
+            (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
+            for subject in self.subjects
+        ]  # fmt: skip
         return plot_rows(
-            ax, [*spans], [([*spans.values()], _marks(style, POSITION, "o"))], 100.0, (50.0, "chance"), group=False,
+            ax, names, [(spans, _marks(style, POSITION, "o"))], 100.0, (50.0, "chance"), group=False,
             xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval", title=self.title,
         )  # fmt: skip
 
@@ -771,14 +772,16 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
 def _threshold(
     subject: SubjectData, counts: Counts, design: TaskDesign | None, level: float
 ) -> SubjectThreshold:
+    threshold: float | None = None
+    interval: tuple[float, float] | None = None
     estimate, text = _estimate(subject, design, level)
-    # there may be no estimate, and a staircase's has no interval
-    threshold, interval = getattr(estimate, "level", None), getattr(estimate, "interval", None)
     if isinstance(estimate, PsychometricFit):
         ratios = (estimate.threshold, *estimate.interval)
         threshold, near, far = (1.0 / x for x in ratios) if estimate.side == "below" else ratios
         interval = near, far
-    elif below := below_chance(counts.score, counts.trials):
+    elif estimate is not None:
+        threshold, interval = estimate.level, getattr(estimate, "interval", None)
+    if not isinstance(estimate, PsychometricFit) and (below := below_chance(counts.score, counts.trials)):
         text += f"\n{below}"
     text += "\none answer was always given" * (counts.hits + counts.false_alarms in (0, counts.trials))
     # A staircase may end before its last trial.
@@ -793,13 +796,8 @@ def _beside(answers: Answers | None) -> dict[str, Any]:
     if answers is None:
         return {}
     catch = level_counts(row for row in answers.rows if row.phase == "catch" and not row.lost)
-    clipped = (
-        row
-        for row in answers.rows
-        if row.phase != "practice"
-        and not row.lost
-        and any((share or 0.0) > _CLIPPED for share in row.clipped)
-    )
+    felt = (row for row in answers.rows if row.phase != "practice" and not row.lost)
+    clipped = (row for row in felt if any((share or 0.0) > _CLIPPED for share in row.clipped))
     forces = [force for row in answers.main for force in row.forces if force is not None]
     return {
         "pressed": sum(forces) / len(forces) if forces else None,

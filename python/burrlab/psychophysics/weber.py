@@ -439,10 +439,8 @@ class SensitivityFunction(Tabular):
                 f"{np.mean([row.force for row in self.fractions if row.reference == p0]):.2g} N at {p0:.3g}"
                 for p0 in references
             )
-            lines.append(
-                f"pressed: {pressed}; the slope at equal force, which corrects nothing: "
-                f"{self.at_equal_force or 'cannot be told from the references'}"
-            )
+            beside = self.at_equal_force or "cannot be told from the references"
+            lines.append(f"pressed: {pressed}; the slope at equal force, which corrects nothing: {beside}")
         everyone = [*self.fractions, *self.left_out]
         for rows, why in (
             ([row for row in self.fractions if row.open], "may lie beyond the levels, and count as such"),
@@ -495,10 +493,8 @@ class SensitivityFunction(Tabular):
                 elinewidth=0.6,
                 **look,
             )
-            ax.plot(
-                drawn_at, np.exp(-line[0] - line[1] * np.log(drawn_at / self.center)), **look,
-                label="subjects" if i == 0 else None,
-            )  # fmt: skip
+            drawn = np.exp(-line[0] - line[1] * np.log(drawn_at / self.center))
+            ax.plot(drawn_at, drawn, **look, label="subjects" if i == 0 else None)
         if any(row.open for row in self.fractions):
             ax.plot([], [], "v", mfc="none", ms=4, **look, label="may lie beyond the levels")
         references = [row.reference for row in self.fractions]

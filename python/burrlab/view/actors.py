@@ -171,16 +171,15 @@ class BurrActors:
     def __init__(
         self, plotter: Any, module: Any, renderers: Sequence[Any], radii: Sequence[float], *, outline: bool
     ) -> None:
-        self.plotter, self.radii = plotter, radii
+        self.plotter, self.radii, self.balls = plotter, radii, []
         self.centers = np.full((len(self.radii), 3), np.nan)
-        balls = (
-            plotter.add_mesh(
+        for _ in self.radii:
+            ball = plotter.add_mesh(
                 module.Sphere(radius=1.0, theta_resolution=48, phi_resolution=48), color=OFF, smooth_shading=True,
                 ambient=0.15, diffuse=0.7, specular=0.9, specular_power=40, render=False, reset_camera=False,
-            ) for _ in self.radii
-        )  # fmt: skip
-        # hidden until their places are known
-        self.balls = [in_all(renderers[1:], configure(ball, Visibility=False)) for ball in balls]
+            )  # fmt: skip
+            # hidden until its place is known
+            self.balls.append(in_all(renderers[1:], configure(ball, Visibility=False)))
         self.rims = [_Rim(renderers) for _ in self.radii] if outline else []
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None, radii: Sequence[float]) -> None:
@@ -311,10 +310,10 @@ class Legend:
             # a box: the letter has the colour of its background
             box = {"Color": colour, "BackgroundColor": colour, "BackgroundOpacity": 1.0}
             name = tissue.name + (" (critical)" if tissue.critical else "")
-            self.rows.append([
-                text_actor(renderer, text, VerticalJustificationToCentered=(), **look)
-                for text, look in (("M", box), (name, {"Color": _TEXT}))
-            ])  # fmt: skip
+            row = (("M", box), (name, {"Color": _TEXT}))
+            self.rows.append(
+                [text_actor(renderer, text, VerticalJustificationToCentered=(), **look) for text, look in row]
+            )
 
     def fit(self) -> None:
         """Follows the window's size."""

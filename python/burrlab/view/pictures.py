@@ -207,11 +207,12 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
     seen = set().union(
         *(np.unique(image.tissues[image.levels > 0]) for image in images if image.tissues is not None)
     )
-    return [
+    handles = [
         Patch(facecolor=_HEX.format(*tissue.colour), label=tissue.name, edgecolor="0.3", linewidth=0.5)
         for number, tissue in enumerate(bone.tissues or ())
         if number in seen
-    ] + [Patch(facecolor=_HEX.format(*REMOVED), label="removed")] * bool(bone.removed)
+    ]
+    return handles + [Patch(facecolor=_HEX.format(*REMOVED), label="removed")] * bool(bone.removed)
 
 
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:

@@ -143,7 +143,8 @@ class Honeycomb:
         excess = power - power[owner]
         apart = np.sqrt(((self.sites - self.sites[owner]) ** 2).sum(axis=1))
         # The difference of two powers is linear, with twice the distance of the sites as its slope.
-        widest = float(apart[excess <= 2 * half * apart].max())
+        owners = excess <= 2 * half * apart
+        widest = float(apart[owners].max())
         return np.flatnonzero(excess <= 2 * half * apart + 2 * reach * (apart + widest))
 
     def owners(self, points: Floats) -> NDArray[np.int64]:
@@ -215,10 +216,10 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
     # A site without a lattice point may own a sliver between the points: such sites are removed.
     populated = count > 0
+    realised = np.cbrt(6 / math.pi * count[populated] * step**3)
     return Honeycomb(
-        sites[populated], weights[populated], drawn[populated], np.cbrt(6 / math.pi * count[populated] * step**3),
-        int(np.count_nonzero(~populated)),
-    )  # fmt: skip
+        sites[populated], weights[populated], drawn[populated], realised, int(np.count_nonzero(~populated))
+    )
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:

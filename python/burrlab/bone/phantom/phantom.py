@@ -153,10 +153,10 @@ class Phantom:
     @property
     def target_labels(self) -> LabelVolume:
         """Planned cavity as labels, 1 inside, for `write_volume` and `burrlab metrics --target`."""
+        origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
         return LabelVolume(
-            self.target.astype(np.uint8), np.array(self.bone.spacing), np.array(self.bone.origin), np.eye(3),
-            "planned cavity", {1: "planned cavity"},
-        )  # fmt: skip
+            self.target.astype(np.uint8), spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"}
+        )
 
 
 def temporal_bone(
@@ -283,6 +283,7 @@ def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Hon
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))
-        return fine.points()[((fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)).ravel()]
+        inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
+        return fine.points()[inside.ravel()]
 
     return honeycomb(AirCells(median_diameter, geometric_deviation, wall=0.05), lattice, seed)

@@ -262,7 +262,10 @@ def surface_depth(grid: Grid) -> Floats:
 
 
 def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
+    rings = [Tube.ring(shift + place, normal, radius, thick) for place, normal, radius, thick in CANALS]
     centre = shift + [22.2, -0.5, -0.4]
+    common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
+    low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
     # 2.5 turns, 9.2 mm across and 5.1 mm high; they narrow and rise towards the front and side.
     axis, u, v = frame_along([-0.55, -0.8, -0.25])
     t = np.linspace(0.0, 1.0, 61)[:, None]
@@ -270,14 +273,8 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     radius = 3.9 * (1.0 - 0.75 * t)
     spiral = shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * u + np.sin(angle) * v) + 3.4 * t * axis
     cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
-    tubes = (
-        *(Tube.ring(shift + place, normal, radius, thick) for place, normal, radius, thick in CANALS),
-        Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7)),  # of the two upright canals
-        Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6)),  # below them
-        cochlea,
-        Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0)),
-    )
-    return tubes, (centre, np.array([1.9, 2.6, 2.4]))
+    start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))
+    return (*rings, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))
 
 
 #: Thickness of the compact bone over the air cells [mm], assumed.

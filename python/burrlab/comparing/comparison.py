@@ -78,9 +78,8 @@ class VelocityRatio:
     at_middle: Ratio  #: the ratio there, its interval at the level of the other ratios
 
     def __post_init__(self) -> None:
-        check_same_length(
-            **{name: getattr(self, name) for name in ("radius", "force", "ratio", "lower", "upper")}
-        )
+        columns = ("radius", "force", "ratio", "lower", "upper")
+        check_same_length(**{name: getattr(self, name) for name in columns})
 
 
 @dataclass(frozen=True)
@@ -146,10 +145,8 @@ class Comparison(InJson, Tabulated):
                     f"{pair.velocity.middle[1]:.3g} N)"
                 )
             if self.margin is not None:
-                sentence += (
-                    f", and are {'' if pair.equivalent else 'not shown to be '}equivalent within "
-                    f"{100 * self.margin:g} % of velocity"
-                )
+                shown_to = "" if pair.equivalent else "not shown to be "
+                sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
             lines.append(f"{sentence[0].upper() if runs else sentence[0]}{sentence[1:]}.")
         return "\n".join(lines)
 
@@ -236,10 +233,8 @@ class Comparison(InJson, Tabulated):
         )
         if self.margin is None:
             return f"{seen}; without a margin nothing is called equivalent."
-        return (
-            f"{seen}: {'' if pair.equivalent else 'not shown to be '}equivalent within {100 * self.margin:g} %, "
-            f"{probability_text(pair.p_equivalent)}."
-        )
+        outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
+        return f"{seen}: {outcome} within {100 * self.margin:g} %, {probability_text(pair.p_equivalent)}."
 
     def _table(self) -> dict[str, list[Any]]:
         rows = [
@@ -255,7 +250,7 @@ class Comparison(InJson, Tabulated):
             for name, x in self._named_ratios(pair).items()
         ]
         names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
-        return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -716,14 +711,13 @@ def _velocities(
         unit = [np.log(law.velocity(force, s.walk.c_e[:, None], 1.0, R)) for s in (a, b)]
         for k, F in enumerate(force.tolist()):
             slopes = [float(np.gradient(h[:, k], s.x)[s.best]) for s, h in zip((a, b), unit, strict=True)]
+            ends = (
+                side.ends(h[:, k], np.array([slope, 1.0]))
+                for side, h, slope in zip((a, b), unit, slopes, strict=True)
+            )
             difference: _LogRatio | LinearDifference = (
-                pair.along(np.array([float(np.mean(slopes)), 1.0]))
-                if pair
-                else _LogRatio(*(
-                    side.ends(h[:, k], np.array([slope, 1.0]))
-                    for side, h, slope in zip((a, b), unit, slopes, strict=True)
-                ))
-            )  # fmt: skip
+                pair.along(np.array([float(np.mean(slopes)), 1.0])) if pair else _LogRatio(*ends)
+            )
             p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
                 middles.append(((R, F), _ratio(difference, level)))

@@ -150,9 +150,12 @@ class LawRow:
         """c_e and alpha in words; empty where the data contradict the law."""
         if self.contradicted:
             return ""
-        if self.fit is None or self.fit.identified is None:
+        if self.law is None:
             return f"K = {self.alpha:.4g} mm/(s N)"
-        fit, identified, ends = self.fit, self.fit.identified, self.fit.intervals["c_e"]["95"]
+        identified = None if self.fit is None else self.fit.identified
+        if self.fit is None or identified is None:
+            return ""
+        fit, ends = self.fit, self.fit.intervals["c_e"]["95"]
         if fit.separately_identified:
             return f"c_e = {fit.c_e:.4g} N/mm^2, alpha = {fit.alpha:.4g} /ms"
         combination = f"alpha/c_e^{identified.exponent:.4g} = {identified.value:.3g}"
@@ -305,20 +308,13 @@ class LawComparison(Tabulated):
         }
 
     def _cells(self) -> list[list[str]]:
-        return [
-            ["law", "f and exponents", "s", "delta AIC", "tests", "constants"],
-            *(
-                [
-                    row.name,
-                    str(row.law) if row.law else "v = K F",
-                    f"{row.law.slope if row.law else 1.0:.3g}",
-                    f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0",
-                    f"{probability_text(row.p_value)}{', contradicted' if row.contradicted else ''}",
-                    row.constants,
-                ]
-                for row in self.rows
-            ),
-        ]
+        table = [["law", "f and exponents", "s", "delta AIC", "tests", "constants"]]
+        for row in self.rows:
+            verdict = f"{probability_text(row.p_value)}{', contradicted' if row.contradicted else ''}"
+            what, slope = (str(row.law), row.law.slope) if row.law else ("v = K F", 1.0)
+            delta = f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0"
+            table.append([row.name, what, f"{slope:.3g}", delta, verdict, row.constants])
+        return table
 
     def report(self) -> str:
         """Table and sentences as text."""
@@ -379,12 +375,14 @@ class LawComparison(Tabulated):
 
     def to_dict(self) -> dict[str, Any]:
         """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
-        intervals = plain_ends({name: x.intervals for name, x in self.exponents.items()})
+        exponents = {
+            name: {"value": x.value, "intervals": plain_ends({name: x.intervals})[name]}
+            for name, x in self.exponents.items()
+        }
         return dict(Codec().plain({
             "rows": [dict(zip(self._table(), cells, strict=True)) | {"tests": row.tests}
                      for row, cells in zip(self.rows, zip(*self._table().values(), strict=True), strict=True)],
-            "exponents": {name: {"value": x.value, "intervals": intervals[name]} for name, x in self.exponents.items()},
-            "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
+            "exponents": exponents, "shape": str(self.law.shape), "rate_exponent": self.law.rate_exponent, "level": self.level, "residuals": self.residual_kind,
             "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
         }))  # fmt: skip
 

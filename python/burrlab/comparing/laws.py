@@ -4,10 +4,11 @@ import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
-from scipy import optimize, special
+import scipy
+from scipy import special
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import nearest, refuse, scalar, shown
@@ -186,9 +187,8 @@ class LawLikelihood:
     def _whitened_presses(self, *rows: Floats) -> Floats:
         """The same of the indentation's rows of ln F."""
         o = self.observations
-        return self._whiten_pressed(
-            np.stack(rows) * (o.pressed / o.pressed_sigma if self.pressed_known else 1.0)
-        )
+        weight = o.pressed / o.pressed_sigma if self.pressed_known else 1.0
+        return self._whiten_pressed(np.stack(rows) * weight)
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -226,17 +226,17 @@ class LawLikelihood:
         first = self._scan(q, shape, np.exp(low + coarse))
         near = np.flatnonzero((first.heights() < first.heights().min() + _NEAR).any(axis=0))
         ends = coarse[max(near[0] - 1, 0)], coarse[min(near[-1] + 1, _COARSE - 1)]
-        return self._scan(q, shape, np.exp(low + np.unique([*coarse, *np.geomspace(*ends, _FINE)])))
+        points = np.unique(np.concatenate([coarse, np.geomspace(*ends, _FINE)]))
+        return self._scan(q, shape, np.exp(low + points))
 
     def _scan(self, q: float, shape: Shape | None, c_e: Floats, k: Floats = _K) -> Scan:
         log_unit = self.log_unit([member(node) for node in NODES] if shape is None else [shape], q, c_e)
         if shape is None:
             log_unit = np.tensordot(_weights(tuple(k.tolist())), log_unit, axes=1)
+        orders = k if shape is None else np.array([shape.order])
         r, m = self.unexplained(log_unit)
-        return Scan(
-            q, k if shape is None else np.array([shape.order]), c_e, np.einsum("...i,...i->...", r, r), m,
-            self._pressed(q, c_e), self.n, self._lever, self.known,
-        )  # fmt: skip
+        squares = np.einsum("...i,...i->...", r, r)
+        return Scan(q, orders, c_e, squares, m, self._pressed(q, c_e), self.n, self._lever, self.known)
 
     def over_k(self, scans: Sequence[Scan], m: float, reach: float) -> tuple[Floats, Floats]:
         """k, close where -2 log L at an m rises by less than `reach`, and the lowest -2 log L of scans there."""
@@ -295,7 +295,7 @@ class LawLikelihood:
             scan = self.scan(q, law.shape)
             at = int(np.argmin(scan.heights(m)))
             low, high = np.log(scan.c_e[[max(at - 1, 0), min(at + 1, len(scan.c_e) - 1)]]).tolist()
-            optimum = optimize.minimize_scalar(
+            optimum = scipy.optimize.minimize_scalar(
                 lambda x: self._scan(q, law.shape, np.exp([x])).heights(m).min(),
                 bounds=(low, high),
                 method="bounded",
@@ -621,8 +621,10 @@ def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
     o = likelihood.observations
     r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
     x, ones = likelihood.log_force, likelihood.ones
-    columns = {"s free": ("v ~ F^s", [ones, x]),
-               "bend": ("A bend of ln v over ln F", [ones, x, likelihood.whitened(np.log(o.force) ** 2)])}  # fmt: skip
+    columns = {
+        "s free": ("v ~ F^s", [ones, x]),
+        "bend": ("A bend of ln v over ln F", [ones, x, likelihood.whitened(np.log(o.force) ** 2)]),
+    }
     if len(np.unique(o.radius)) > 1:
         columns["radius"] = ("A power of the radius", [ones, likelihood.whitened(np.log(o.radius))])
     tests = []
@@ -722,10 +724,9 @@ def compare_laws(
     effects = None
     if isinstance(first.likelihood, MixedLikelihood):
         fits = {name: fit(data, burr, law=law, **options) for name, law in of_bone.items()}
-        effects = cast(
-            "MixedLikelihood", min(fits.values(), key=lambda x: x.aic).likelihood
-        )  # the best law's
-        observations = _at_offsets(observations, effects)
+        best = min(fits.values(), key=lambda x: x.aic).likelihood  # the best law's
+        if isinstance(best, MixedLikelihood):
+            effects, observations = best, _at_offsets(observations, best)
     likelihood = LawLikelihood(observations, residuals == "sigma", effects)
     report_progress(0, steps)
     points, tests = {}, {}
@@ -746,16 +747,16 @@ def compare_laws(
         report_progress(2 * len(named) - 1 + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)
-    n_rows = len(points[least].rows)
-    rows = sorted((
-        LawRow(
+    rows = []
+    for name, law in named.items():
+        apart = points[name].rows - points[least].rows
+        p = min(min(test.p_value for test in tests[name]) * len(tests[name]), 1.0)
+        rows.append(LawRow(
             name, law, points[name].c_e, points[name].alpha, points[name].aic - points[least].aic,
-            float(np.sqrt(n_rows) * np.std(points[name].rows - points[least].rows)), tests[name],
-            min(min(test.p_value for test in tests[name]) * len(tests[name]), 1.0), contradicted[name],
+            float(np.sqrt(len(apart)) * np.std(apart)), tests[name], p, contradicted[name],
             None if contradicted[name] else fits.get(name), with_offsets.get(name),
-        )
-        for name, law in named.items()
-    ), key=lambda row: (row.contradicted, row.delta_aic))  # fmt: skip
+        ))  # fmt: skip
+    rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
     law = next((row.law for row in rows if row.law), Law())
     return LawComparison(
         tuple(rows), *exponents(likelihood, law), law, level, residuals, first.observations,
@@ -793,12 +794,13 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
     )
     named: dict[str, Law | None] = {}
     for law in [laws] if isinstance(laws, str | Law) else laws:
-        name = law if isinstance(law, str) else str(Law.of(law))
+        law = law if isinstance(law, str) else Law.of(law)
+        name = law if isinstance(law, str) else str(law)
         refuse(
             isinstance(law, str) and name not in LAWS,
             f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}",
         )
-        named_law = LAWS[law] if isinstance(law, str) else Law.of(law)
+        named_law = LAWS[law] if isinstance(law, str) else law
         refuse(named_law in named.values(), f"laws must be given once each: got {name!r} twice")
         named[name] = named_law
     refuse(not named, "laws must hold one law or more: got none")
@@ -826,15 +828,17 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood) -> tuple[Partin
     radii, counts = np.unique(o.radius[np.isnan(o.window_start)], return_counts=True)
     R = float(radii[np.argmax(counts)]) if len(radii) else np.nan  # that of most runs in the default window
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
-    close = [row for row in rows[1:] if not row.contradicted and row.delta_aic < CLOSE]
-    for row in close if len(radii) else ():
+    for row in rows[1:]:
+        if row.contradicted or row.delta_aic >= CLOSE or np.isnan(R):
+            continue
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
         if np.isnan(first * second).all():
             continue
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
-        n = next((n for n in _RUNS if rise_of(o, (rows[0].law, row.law), run, n) > CLOSE), None)
-        if n is not None:
-            partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
+        for n in _RUNS:
+            if rise_of(o, (rows[0].law, row.law), run, n) > CLOSE:
+                partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
+                break
     return tuple(partings)

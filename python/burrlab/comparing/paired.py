@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy import linalg, optimize, special
+import scipy
+from scipy import special
 
 from burrlab.common.table import probability_text
 from burrlab.fitting.calibration import MixedCalibration
@@ -80,8 +81,9 @@ class Paired:
 
         pair = fitted(not all(closed), closed[0] is closed[1])
         # a set alone has another c_e, from a second minimum, but both can have one: there it is as if open
-        apart = pair.far_from_linear and pair.joint.p_value > ERROR
-        return replace(fitted(True, False), allows_one_c_e=True) if apart else pair
+        if pair.far_from_linear and pair.joint.p_value > ERROR:
+            return replace(fitted(True, False), allows_one_c_e=True)
+        return pair
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
@@ -92,9 +94,10 @@ class Paired:
     @property
     def far_from_linear(self) -> bool:
         """Whether the squares rise by less than half of what the change and its covariance say."""
-        return not self.one_c_e and self.rise < 0.5 * float(
-            self.change @ np.linalg.solve(self.calibration.covariance, self.change)
-        )
+        if self.one_c_e:
+            return False
+        foretold = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
+        return self.rise < 0.5 * foretold
 
     @property
     def joint(self) -> HypothesisTest:
@@ -139,10 +142,7 @@ class JointModel(RowProducts):
         self.n_fixed = 3 if one_c_e else 4
         plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
         common = _effects_of_groups([x.observations for x in plain], alike)
-        offsets = [
-            {x.quantity: (x, shifts) for x, shifts in _blocks(side) if x.quantity in (*OFFSETS, "order")}
-            for side in likelihoods
-        ]
+        offsets = [_offsets(likelihood) for likelihood in likelihoods]
         common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
         models = []  # of each side: the common effects, its own, J and r
         for side, has in enumerate(offsets):
@@ -217,24 +217,23 @@ def _common_levels(sides: Sequence[Observations]) -> dict[str, int]:
     return {name: len(first[name] & second.get(name, set())) for name in first}
 
 
-def _blocks(likelihood: Likelihood) -> list[tuple[Component, Floats]]:
-    """The components of a likelihood, and what its rows are moved by; none of one without effects."""
+def _offsets(likelihood: Likelihood) -> dict[str, tuple[Component, Floats]]:
+    """Offsets of a likelihood by name, and what its rows are moved by."""
     if not isinstance(likelihood, MixedLikelihood):
-        return []
-    return [
-        (x, likelihood.shifts[block])
+        return {}
+    return {
+        x.quantity: (x, likelihood.shifts[block])
         for x, block in zip(likelihood.components, likelihood.linear.blocks, strict=True)
-    ]
+        if x.quantity in (*OFFSETS, "order")
+    }
 
 
 def _moved_specimens(likelihood: Likelihood, effect: Component) -> Floats:
     """What the rows of a likelihood are moved by, for each level of an effect: 0, but for c_e of its specimens."""
-    moved = {
-        level: shift
-        for x, shifts in _blocks(likelihood)
-        if effect.random_c_e and x.random_c_e
-        for level, shift in zip(x.group.levels, shifts, strict=True)
-    }
+    moved: dict[str, float] = {}
+    if effect.random_c_e and isinstance(likelihood, MixedLikelihood):
+        for x, block in zip(likelihood.components, likelihood.linear.blocks, strict=True):
+            moved |= dict(zip(x.group.levels, likelihood.shifts[block], strict=True)) if x.random_c_e else {}
     return np.array([moved.get(level, 0.0) for level in effect.group.levels])
 
 
@@ -263,7 +262,8 @@ def _fitted_jointly(
     common = float(np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))]))
 
     def model_at(logs: Floats) -> JointModel:
-        return JointModel(likelihoods, list(map(tuple, np.exp(logs).tolist())), shared, one_c_e, alike)
+        both = [(float(c), float(a)) for c, a in np.exp(logs)]
+        return JointModel(likelihoods, both, shared, one_c_e, alike)
 
     if one_c_e:  # linear in log alpha: the first step is the last
         logs[:, 0] = common
@@ -290,7 +290,7 @@ def _fitted_jointly(
         return there.squares + float(off @ np.linalg.solve(held @ there.M[-4:, -4:] @ held.T, off))
 
     low = max(common - _NEAR, float(np.log(least)) + EDGE)
-    best = optimize.minimize_scalar(squares, bounds=(low, common + _NEAR), method="bounded")
+    best = scipy.optimize.minimize_scalar(squares, bounds=(low, common + _NEAR), method="bounded")
     return logs[1] - logs[0], difference_of(equations), max(float(best.fun) - equations.squares, 0.0)
 
 
@@ -303,7 +303,7 @@ def _below_scatter(equations: MixedEquations) -> bool:
         return False
     calibration = difference_of(equations)
     without = MixedEquations(equations.model, equations.scatter2, np.maximum(equations.effect2, 0.0))
-    shares, directions = linalg.eigh(calibration.covariance, difference_of(without).covariance)
+    shares, directions = scipy.linalg.eigh(calibration.covariance, difference_of(without).covariance)
     nu = calibration.variance(directions[:, 0])[1]
     return bool(shares[0] < special.chdtri(nu, 1 - _RARE) / nu)
 

@@ -152,7 +152,8 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     rows = Likelihood(redrawn, item.residual_kind, MeanFieldModel(redrawn, item.shape), beliefs)
     components = [component.of_rows(redrawn) for component in fitted.components]
     again, domain, end = fitted_again(rows, components, point)
-    return next((place.point for place in minima(again, domain)), end)
+    places = minima(again, domain)
+    return places[0].point if places else end
 
 
 def redrawn_effects(

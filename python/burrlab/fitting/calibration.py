@@ -6,7 +6,8 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy import optimize, special
+import scipy
+from scipy import special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
@@ -230,7 +231,7 @@ class MixedCalibration:
             """Probability that the sum lies beyond a limit, over 5 %."""
             return float(np.mean(special.fdtrc(1, across, np.maximum(limit - squares, 0.0)))) - 0.05
 
-        return _freedom_at(2, float(optimize.brentq(beyond, 1.0, 1e6)) / 2)
+        return _freedom_at(2, float(scipy.optimize.brentq(beyond, 1.0, 1e6)) / 2)
 
     def probability_of_sum(self, squares: float) -> float:
         """p-value of two squares of t, see `freedoms`; F with 2 and `freedom_of_sum` has it at 5 % alone."""
@@ -316,7 +317,7 @@ def _freedom_at(number: int, limit: float) -> float:
         return float(special.fdtri(number, np.exp(log_nu), 0.95)) - limit
 
     few, many = np.log(0.5), np.log(1e9)
-    return float(np.exp(many if above(many) >= 0 else optimize.brentq(above, few, many)))
+    return float(np.exp(many if above(many) >= 0 else scipy.optimize.brentq(above, few, many)))
 
 
 AnyCalibration: TypeAlias = Calibration | MixedCalibration

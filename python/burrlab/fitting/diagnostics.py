@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse, special
+from scipy import special
 
 from burrlab.bone.materials import materials
 from burrlab.common.progress import doing
@@ -65,12 +66,19 @@ def concluded(
 
     In its sentence stand {outcome} and, for `holds` or where p < 5 % `fails`, {so}.
     """
-    used, rise = [min(number, most) for number in freedom], max(statistic, 0.0)
+    used = [min(nu, most) for nu in freedom]
+    rise = max(statistic, 0.0)
     p = float(special.fdtrc(used[0], used[1], rise) if len(used) > 1 else special.chdtrc(used[0], rise))
-    of = ", ".join(f"{number:.3g}" if isinstance(number, float) else f"{number}" for number in used)
-    outcome = f"F({of}) = {statistic:.3g}" if len(used) > 1 else f"chi-square {statistic:.3g} of {of}"
-    text = sentence.format(so=holds if p >= 0.05 else fails, outcome=f"{outcome}, {probability_text(p)}")
-    return HypothesisTest(name, statistic, freedom, p, text)
+    freedom_text = ", ".join(f"{nu:.3g}" if isinstance(nu, float) else f"{nu}" for nu in used)
+    number = (
+        f"F({freedom_text}) = {statistic:.3g}"
+        if len(used) > 1
+        else f"chi-square {statistic:.3g} of {freedom_text}"
+    )
+    outcome = f"{number}, {probability_text(p)}"
+    return HypothesisTest(
+        name, statistic, freedom, p, sentence.format(so=holds if p >= 0.05 else fails, outcome=outcome)
+    )
 
 
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
@@ -105,14 +113,16 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
             return None
         text = "The scatter {so} the given sigma: {outcome}."
         test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
-        factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
-        return test if 1 - test.p_value >= POOR else replace(test, sentence=(
-            f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
-            f"chi-square {S:.3g} of {nu}, {probability_text(1 - test.p_value)} for one so small."
-        ))  # fmt: skip
+        if 1 - test.p_value < POOR:
+            factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
+            return replace(test, sentence=(
+                f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
+                f"chi-square {S:.3g} of {nu}, {probability_text(1 - test.p_value)} for one so small."
+            ))  # fmt: skip
+        return test
     o = likelihood.observations
-    levels = [group.velocity for group in o.groups]
-    levels += [o.sets.velocity] if J.shape[1] > 2 else []  # data sets may have effects of their own
+    apart = [o.sets] if J.shape[1] > 2 else []  # data sets may have effects of their own
+    levels = [group.velocity for group in (*apart, *o.groups)]
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end, *levels], axis=1)[o.run < 0]
     F, freedom = against_repeats(S, r, columns, parameters)
     return concluded(
@@ -310,10 +320,11 @@ class Goodness:
             return self.test.sentence
         if not self.poor or self.test is None:
             return ""
+        wider = (
+            f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it." if self.inflation > 1 else ""
+        )
         model = "model or their sigma" if len(self.test.freedom) == 1 else "model"
-        text = f"The data contradict the {model}. {self.test.sentence}"
-        wider = f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it."
-        return text + wider * (self.inflation > 1)
+        return f"The data contradict the {model}. {self.test.sentence}{wider}"
 
 
 def goodness(
@@ -337,14 +348,15 @@ def goodness(
 
 def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     """Whether the rows alone agree with each value that was given as known."""
-    return [
-        concluded(
-            f"known {name}", rise, (1, nu),
-            f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone {{so}} it, {{outcome}}.",
-            "do not contradict", "contradict", 999.0,
+    tests = []
+    for (name, value, deviation), (rise, nu) in zip(
+        likelihood.beliefs, likelihood.belief_rises(), strict=False
+    ):
+        text = f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone {{so}} it, {{outcome}}."
+        tests.append(
+            concluded(f"known {name}", rise, (1, nu), text, "do not contradict", "contradict", 999.0)
         )
-        for (name, value, deviation), (rise, nu) in zip(likelihood.beliefs, likelihood.belief_rises(), strict=False)
-    ]  # fmt: skip
+    return tests
 
 
 def rms_off(likelihood: Likelihood, point: Point) -> float:
@@ -362,7 +374,8 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     x = np.log(o.force / o.radius**2)[o.run < 0]
     if not len(x):
         return None
-    basis, bend = orthonormal(J), (x - x.mean()) ** 2
+    basis = orthonormal(J)
+    bend = (x - x.mean()) ** 2
     rest = bend - basis @ (basis.T @ bend)
     below = len(x) - basis.shape[1] - 1
     if below < 2 or rest @ rest < 1e-6 * (bend @ bend):
@@ -430,7 +443,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
             "into account."
         )))  # fmt: skip
         correlation, p = _form(
-            sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
+            scipy.sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
         )
         tests.append(HypothesisTest("neighbours", correlation, (below,), 1 - p, (
             f"Rows beside each other are alike beyond their force, {probability_text(1 - p)}: if they are of days or specimens, "
@@ -438,7 +451,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         )))  # fmt: skip
     if levels.max() == 0:
         return tests
-    change, p = _form(sparse.diags_array(x), basis, e, float(x.min()), float(x.max()))
+    change, p = _form(scipy.sparse.diags_array(x), basis, e, float(x.min()), float(x.max()))
     p = 2 * min(p, 1 - p)
     tests.append(HypothesisTest("scatter", change, (below,), p, (
         f"The scatter {'rises' if change > 0 else 'falls'} with the force, {probability_text(p)}."

@@ -364,8 +364,9 @@ def _engine(engine: str | VoxelEngine) -> VoxelEngine | None:
         not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
         f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
     )
-    engine = VoxelEngine() if engine == "voxel" else engine
-    return engine if isinstance(engine, VoxelEngine) else None
+    if isinstance(engine, VoxelEngine):
+        return engine
+    return VoxelEngine() if engine == "voxel" else None
 
 
 def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:
@@ -472,18 +473,10 @@ def _searched(
     end = best.point
     origin, begun_at = begin or ("walk along c_e", end)
     walk = Start(origin, begun_at, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
-    begins = [
-        point
-        for point in (end, *(minimum.point for minimum in ([] if likelihood.uneven else lowest_points[1:])))
-        if equally_good(likelihood.objective(*point), walk, len(likelihood.observations))
-    ]
-    ends = [
-        walk,
-        *(
-            minimise(likelihood.objective, box, point, origin=f"BOBYQA {k}")
-            for k, point in enumerate(begins, 1)
-        ),
-    ]
+    ends = [walk]
+    for point in (end, *(minimum.point for minimum in ([] if likelihood.uneven else lowest_points[1:]))):
+        if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
+            ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
     missed = lowest_points[0].minus2 - lowest
     return tuple(ends), 0.0 if likelihood.uneven and missed < _STEPS else missed
@@ -681,12 +674,16 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
     if likelihood.pressed_known:
         residuals["pressed"] = o.pressed_residuals(c_e, True)
     r = np.concatenate([residuals[kind][rows] for kind, rows in o.rows])
-    chi2 = np.sum(((o.velocity - predicted["velocity"]) / o.sigma) ** 2) / (len(o.force) - 2)
+    chi2 = (
+        float(np.sum(((o.velocity - predicted["velocity"]) / o.sigma) ** 2) / (len(o.force) - 2))
+        if o.has_sigma and usable
+        else None
+    )
     return {
         "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
         "residuals": r,
         "residual_norm": float(np.sqrt(np.mean(r**2))),
-        "chi2_reduced": float(chi2) if o.has_sigma and usable else None,
+        "chi2_reduced": chi2,
         "n_points": len(o),
         "n_skipped": o.n_skipped,
         "n_censored": o.n_censored,

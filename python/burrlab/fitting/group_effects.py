@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, special
+import scipy
+from scipy import special
 
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value, probability_text
@@ -101,8 +102,8 @@ class MixedEvidence:
         for k, block in enumerate(model.blocks):
             if model.components[k].sought and model.estimated:  # such as of two drills on days of their own
                 told = at_best.uncertainty(block)
-                variances, nus = zip(*map(told.variance, np.eye(len(told.covariance))), strict=True)
-                errors[block], freedoms[k] = np.sqrt(variances), min(nus)
+                each = [told.variance(axis) for axis in np.eye(len(told.covariance))]
+                errors[block], freedoms[k] = np.sqrt([x for x, _ in each]), min(nu for _, nu in each)
         effects = tuple(
             MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
@@ -303,7 +304,7 @@ def _deviation_interval(
             if high > _WIDEST:
                 return np.inf
             high *= 2
-        return float(optimize.brentq(lambda x: above(x) - p, 0.0, high))
+        return float(scipy.optimize.brentq(lambda x: above(x) - p, 0.0, high))
 
     upper = max(end(0.025 * (above(0.0) if above(0.0) <= 0.025 else 1.0)), estimate)
     return ConfidenceInterval(min(end(0.975), estimate), None if upper == np.inf else upper)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
@@ -469,14 +469,17 @@ class Likelihood:
             )
         if self.kind == "student":
             s = np.sqrt(best_scale(tables[0][2], 1e-30)[1])
-            return float(np.sum(stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s))) + self.log_jacobian()
-        squares = [(known, float(np.sum(r**2)), n) for _, known, r, n in tables]
-        return self.log_jacobian() + sum(
-            -0.5 * (S + n * float(np.log(2 * np.pi)))
-            if known
-            else -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
-            for known, S, n in squares
-        )
+            total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
+        else:
+            total = 0.0
+            for _, known, r, n in tables:
+                S = float(np.sum(r**2))
+                total += (
+                    -0.5 * (S + n * float(np.log(2 * np.pi)))
+                    if known
+                    else -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
+                )
+        return total + self.log_jacobian()
 
     def log_jacobian(self) -> float:
         """log of the density of the data in their units over that of the residuals."""

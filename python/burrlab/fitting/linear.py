@@ -68,7 +68,7 @@ class Component:
     @property
     def restarts(self) -> str:
         """Of a drift that begins anew with each label of a group, the group's name."""
-        return self.group.name.partition(EACH)[2]
+        return self.group.name.removeprefix(EACH) if self.group.name.startswith(EACH) else ""
 
     @property
     def random_c_e(self) -> bool:
@@ -246,14 +246,13 @@ class LinearModel(RowProducts):
         self.rows, self.components = likelihood.linear_rows(*point), components
         self.known = np.array([rows.known for rows in self.rows])
         self.n = np.array([float(rows.n) for rows in self.rows])
+        residuals = [rows.r for rows in self.rows]
         self.slopes = {
             x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation or 0.0)
             for x in components
             if x.quantity in OFFSETS
         }
-        columns = {
-            name: slopes.at(point[0], [rows.r for rows in self.rows]) for name, slopes in self.slopes.items()
-        }
+        columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
         columns |= {name: [rows.J[:, k] for rows in self.rows] for k, name in enumerate(("c_e", "alpha"))}
         # of a drift, ln v rises from the first run to the last
         for x in (x for x in components if x.quantity == "order"):
@@ -428,11 +427,12 @@ class MixedEquations:
 
     def score(self) -> Floats:
         """Derivative of the criterion by each estimated variance: the scatters', then the effects'."""
-        q, n, s2 = self.c - self.C @ self.solution, self.model.n, self.scatter2
-        return np.array([
-            *(n[k] / s2[k] - np.sum(self.M * self.by_scatter[k]) - self.residual2(k) / s2[k] ** 2 for k in self.free),
-            *(np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks),
-        ])  # fmt: skip
+        q, slopes = self.c - self.C @ self.solution, []
+        for k in self.free:
+            n, s2 = self.model.n[k], self.scatter2[k]
+            slopes.append(n / s2 - np.sum(self.M * self.by_scatter[k]) - self.residual2(k) / s2**2)
+        slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks]
+        return np.array(slopes)
 
     def squared_moves(self) -> Floats:
         """r' P V_i P V_j P r of the estimated variances, V_i the derivative of the rows' covariance by each.
@@ -563,11 +563,10 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             effect2[estimated] += part * step[len(free) :]
             effect2[estimated] = np.clip(effect2[estimated], at_least[estimated], _LARGEST**2)
             trial = MixedEquations(last.model, scatter2, effect2)
-            nearer = (
-                abs(step @ trial.score()) < abs(step @ score)
-                if close
-                else trial.criterion() < last.criterion()
-            )
+            if close:
+                nearer = bool(abs(step @ trial.score()) < abs(step @ score))
+            else:
+                nearer = trial.criterion() < last.criterion()
             if nearer and (below is None or trial.definite):
                 equations = trial
                 break

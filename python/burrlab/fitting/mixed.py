@@ -116,10 +116,11 @@ def at_best_variances(
 
 def _reach(o: Observations, component: Component) -> tuple[Floats, Floats, float]:
     """Step and lower end of each level's offset, and the upper end: windows stay between 0 and R, presses in the bone."""
-    of, levels = np.append(component.group.velocity, component.group.pressed), len(component.group.levels)
+    group, levels = component.group, range(len(component.group.levels))
 
     def least(velocity: Floats, pressed: Floats) -> Floats:
-        return np.array([np.append(velocity, pressed)[of == k].min(initial=np.inf) for k in range(levels)])
+        rows = np.append(velocity, pressed), np.append(group.velocity, group.pressed)
+        return np.array([rows[0][rows[1] == k].min(initial=np.inf) for k in levels])
 
     room, step = 0.5 * np.min(o.radius - o.window[0]), STEP * float(o.radius.max())
     forces, depths = least(o.force, o.pressed), least(o.radius / 6, _FARTHEST * o.pressed_depth)
@@ -324,9 +325,8 @@ class MixedLikelihood(Likelihood):
             self._parabola(np.array([point[0]]), self._whole)[1][0], lowest - np.log(point[0])
         )
         moved = moved_by(self.plain, self.components, shifts - self.shifts)
-        return MixedLikelihood(
-            moved, self.components, point, shifts, self.equations.scatter2, self.equations.effect2
-        )
+        equations = self.equations
+        return MixedLikelihood(moved, self.components, point, shifts, equations.scatter2, equations.effect2)
 
     def _nodes(self, plain: Likelihood, model: LinearModel) -> "list[_Part]":
         """Parts of the distribution of given offsets, each of which is narrow enough for a linear model.
@@ -413,7 +413,8 @@ class MixedLikelihood(Likelihood):
         -------
         ndarray, shape (m, a, k), and ndarray, shape (m, k, k)
         """
-        *_, rZ, jZ, scale, H = self._products(c_e, self._whole, self._parabola(c_e, self._whole)[1])
+        shifts = self._parabola(c_e, self._whole)[1]
+        _, _, _, rZ, jZ, scale, H = self._products(c_e, self._whole, shifts)
         inner = scale[:, None] * np.linalg.inv(H) * scale
         mean = -np.einsum("mij,maj->mai", inner[:, columns], rZ[:, None] + log_alpha[..., None] * jZ[:, None])
         return np.nan_to_num(mean), inner[:, columns][..., columns]
@@ -461,7 +462,8 @@ class MixedLikelihood(Likelihood):
             B = jj - np.sum(drawn * jZ, axis=-1)
             m = -(rj - np.sum(drawn * rZ, axis=-1)) / B
             A = rr - np.sum(undone * rZ, axis=-1) - B * m**2
-            table[:, left] = A, B, m, np.linalg.slogdet(H)[1] if self.n_parts > 1 else np.zeros(len(B))
+            volume = np.linalg.slogdet(H)[1] if self.n_parts > 1 else 0.0
+            table[:, left] = A, B, m, np.broadcast_to(volume, B.shape)
             off = self._of_specimen * np.nan_to_num(-undone - m[:, None] * drawn - shifts[left])
             last, steps[left] = steps[left], np.clip(off, -_STRIDE, _STRIDE)
             sizes[left] = _shorter(sizes[left], steps[left], last)
@@ -481,10 +483,7 @@ class MixedLikelihood(Likelihood):
         Rows are those of `part`, and about c_e of specimens that `shifts` has, shape (len(stiffness), effects)."""
         equations, model, own = self.equations, self.linear, None
         if self._of_specimen.any():
-            blocks = zip(self.components, model.blocks, strict=True)
-            group, block = next((x.group, block) for x, block in blocks if x.random_c_e)
-            levels = np.pad((shifts - part.shifts)[:, block], ((0, 0), (0, 1)))  # a level of -1 has none
-            velocity, pressed = own = levels[:, group.velocity], levels[:, group.pressed]
+            velocity, pressed = own = self._own_c_e(shifts - part.shifts)
             above, below = (
                 [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0, (velocity + by, pressed + by))]
                 for by in (_SPAN, -_SPAN)
@@ -522,6 +521,16 @@ class MixedLikelihood(Likelihood):
             rZ, jZ, products = rZ @ part.turn, jZ @ part.turn, part.turn.T @ products @ part.turn
         products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
         return rr, rj, jj, rZ, jZ, *equations.scaled(products, part.variance)
+
+    def _own_c_e(self, shifts: Floats) -> tuple[Floats, Floats]:
+        """Of each velocity row and pressed row, from shape (points, effects)."""
+        ((x, block),) = (
+            (x, block) for x, block in zip(self.components, self.linear.blocks, strict=True) if x.random_c_e
+        )
+        levels = np.concatenate(
+            [shifts[:, block], np.zeros((len(shifts), 1))], axis=1
+        )  # a level of -1 has none
+        return levels[:, x.group.velocity], levels[:, x.group.pressed]
 
     @property
     def kinks(self) -> Floats:

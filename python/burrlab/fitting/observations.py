@@ -322,9 +322,10 @@ class Observations:
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
         windows: dict[tuple[float | None, float | None], list[int]] = {}
-        ends = np.stack([self.window_start / self.radius, self.window_end / self.radius], axis=1)
-        for row, (start, end) in enumerate(ends.tolist()):
-            windows.setdefault((None, None) if np.isnan(start) else (start, end), []).append(row)
+        ends = zip(self.window_start / self.radius, self.window_end / self.radius, strict=True)
+        for row, (start, end) in enumerate(ends):
+            key = (None, None) if np.isnan(start) else (float(start), float(end))
+            windows.setdefault(key, []).append(row)
         return {key: np.array(rows, dtype=np.intp) for key, rows in windows.items()}
 
     def with_runs(self, force: float, velocity: float, radius: float, n: int) -> "Observations":

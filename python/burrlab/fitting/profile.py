@@ -11,8 +11,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from burrlab.common.check import check_same_length, nearest, refuse
 from burrlab.common.study import stored_as
@@ -412,8 +412,15 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
                 places.append((float(lowest), sides))
     if not places:
         return []
-    stretches = c_e[[sides for _, sides in (sorted(places)[:_LOWEST] if likelihood.uneven else places)]]
-    lowest_points = _followed(likelihood, domain, stretches, kinks, len(c_e), step=_PARABOLIC if few else 0.0)
+    places = sorted(places)[:_LOWEST] if likelihood.uneven else places
+    lowest_points = _followed(
+        likelihood,
+        domain,
+        c_e[[sides for _, sides in places]],
+        kinks,
+        len(c_e),
+        step=_PARABOLIC if few else 0.0,
+    )
     edges = np.array([domain.low, *every, domain.high])
     for k, rough in enumerate([] if few else lowest_points):
         i = int(np.searchsorted(edges, rough.c_e))
@@ -493,19 +500,15 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
     first = len(c_e) - int(np.argmin(np.append(equal[::-1], False)))
     if first == len(c_e) or c_e[-1] < ONE_PLACE * c_e[first]:
         return lowest
-
-    def at(c_e: float) -> Walk:
-        return Walk(likelihood, domain, np.array([c_e]))
-
     begin = float(c_e[first])
     if first > 0:
-        begin = optimize.brentq(
-            lambda c_e: float(at(c_e).minus2[0]) - lowest.minus2 - FLAT,
-            float(c_e[first - 1]),
-            begin,
-            rtol=1e-9,
-        )
-    return replace(lowest, c_e=begin, alpha=float(at(begin).alpha[0]), minus2=float(at(begin).minus2[0]))
+
+        def height(c_e: float) -> float:
+            return float(Walk(likelihood, domain, np.array([c_e])).minus2[0]) - lowest.minus2 - FLAT
+
+        begin = scipy.optimize.brentq(height, float(c_e[first - 1]), begin, rtol=1e-9)
+    ridge_walk = Walk(likelihood, domain, np.array([begin]))
+    return replace(lowest, c_e=begin, alpha=float(ridge_walk.alpha[0]), minus2=float(ridge_walk.minus2[0]))
 
 
 def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
@@ -607,7 +610,7 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
             return begin
         if slope(longest, beside) <= 0:
             return longest
-        return float(optimize.brentq(slope, begin, longest, (beside,), xtol=1e-12))
+        return float(scipy.optimize.brentq(slope, begin, longest, (beside,), xtol=1e-12))
 
     first = root(0.0, _LEVEL)
     return (first + root(first + 100 * _LEVEL, -_LEVEL)) / 2
@@ -616,12 +619,16 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
 def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> ConfidenceInterval:
     x, low, high = _band(walk, target)
     lower, upper = np.min(low - exponent * x), np.max(high - exponent * x)
-    rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
-    # unbounded along the ridge: there the combination goes to 0 or infinity with c_e
-    opens = (unbounded and not rising, unbounded and rising)
+    if unbounded:  # along the ridge the combination goes to 0 or infinity with c_e
+        rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
+        return (
+            ConfidenceInterval(float(np.exp(lower)), None)
+            if rising
+            else ConfidenceInterval(None, float(np.exp(upper)))
+        )
     return ConfidenceInterval(
-        None if opens[0] or -np.inf < lower < -ENDLESS else float(np.exp(lower)),
-        None if opens[1] or upper > ENDLESS else float(np.exp(upper)),
+        None if -np.inf < lower < -ENDLESS else float(np.exp(lower)),
+        None if upper > ENDLESS else float(np.exp(upper)),
     )
 
 

@@ -203,12 +203,12 @@ class FitRecord(InJson):
     def _plain(self) -> Likelihood:
         """The likelihood without groups and offsets."""
         known = self.provenance.get("known", {})
-        log_sigma = self.residual_kind == "sigma" and (self.effects or known)
+        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
+        kind = (
+            "log-sigma" if self.residual_kind == "sigma" and (self.effects or known) else self.residual_kind
+        )
         return Likelihood(
-            self.observations,
-            "log-sigma" if log_sigma else self.residual_kind,
-            model_of(self.observations, self.shape, self.table),
-            tuple((name, *numbers) for name, numbers in known.items()),
+            self.observations, kind, model_of(self.observations, self.shape, self.table), beliefs
         )
 
     @cached_property

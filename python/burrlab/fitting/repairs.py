@@ -143,7 +143,7 @@ def repairs(
         components = (*present, *offset)
         if other.observations.c_e_bounds().max() >= other.observations.ceiling:
             return
-        end = point
+        end: Point | None = point
         if components:
             try:
                 mixed, _, end = fitted_again(other, components, point)
@@ -152,9 +152,10 @@ def repairs(
             u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])
             what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
             other = mixed if present else mixed.plain
-        ends = [end] if present else [x.point for x in minima(other, Domain.of(other))[:1]]
-        for best in ends:
-            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*best)
+        if not present:
+            end = next((x.point for x in minima(other, Domain.of(other))), None)
+        if end is not None:
+            other_aic = 2 * (n_parameters + len(offset)) - 2 * other.log_likelihood(*end)
             gains.append(Repair(what, aic - other_aic))
 
     for name in OFFSETS:

@@ -289,8 +289,9 @@ def agreement(fit: FitRecord) -> str:
 
 
 def rms(fit: FitRecord, value: float) -> str:
-    units = {"absolute": f"{value:.4g} mm/s", "sigma": f"{value:.4g} sigma"}
-    return units.get(fit.residual_kind, f"{100 * value:.3g} %")
+    if fit.residual_kind in ("relative", "student"):
+        return f"{100 * value:.3g} %"
+    return f"{value:.4g} mm/s" if fit.residual_kind == "absolute" else f"{value:.4g} sigma"
 
 
 def _aligned(pairs: dict[str, str]) -> list[str]:

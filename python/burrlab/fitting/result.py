@@ -556,7 +556,7 @@ class Fit(FitRecord, Tabulated):
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         evidence, ax = self._evidence(), axes_or_new(ax)
         profile = evidence.profile
-        x, rise = getattr(profile, name), getattr(profile, f"{name}_rise")
+        x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
         limits = evidence.calibration.limits(LEVELS, C_E if name == "c_e" else ALPHA)
         limits = {level: limit for level, limit in limits.items() if limit < 10 * limits["95"]}
         top = 1.6 * max(limits.values())  # with a degree of freedom or two the highest hides all else
@@ -672,10 +672,11 @@ class Fit(FitRecord, Tabulated):
                 ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=limit_label)
         if named.any():
             ax.plot(x[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"}))
-        for row, place in ((row, place) for row, place in zip(rows, x.tolist(), strict=True) if row.named):
-            number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
-            ax.annotate(f"row {number}", (place, row.studentised), xytext=(6, 0), va="center",
-                        textcoords="offset points", fontsize=8)  # fmt: skip
+        for row, place in zip(rows, x.tolist(), strict=True):
+            if row.named:
+                number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
+                ax.annotate(f"row {number}", (place, row.studentised), xytext=(6, 0), va="center",
+                            textcoords="offset points", fontsize=8)  # fmt: skip
         ax.axhline(0, color=REFERENCE, linewidth=0.6)
         ax.margins(x=0.1)
         why = "" if limit else "\n(no limit below 8 rows)"

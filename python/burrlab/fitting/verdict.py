@@ -205,8 +205,10 @@ def within(c_e: ConfidenceInterval) -> str:
 def accuracy(identified: Combination) -> str:
     """How well the combination is known: half the relative width of its 95 % interval."""
     interval = identified.interval
-    if not interval.lower or interval.upper is None:
+    if interval.ratio() == np.inf:
         return "with an open end"
+    assert interval.lower is not None
+    assert interval.upper is not None
     if interval.ratio() > SEPARATE:
         return f"only within a factor of {interval.ratio():.2g}"
     return f"to {50 * (interval.upper - interval.lower) / identified.value:.2g} %"

@@ -203,7 +203,7 @@ class FitRecord(InJson):
     def _plain(self) -> Likelihood:
         """The likelihood without groups and offsets."""
         known = self.provenance.get("known", {})
-        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
+        beliefs = tuple((name, *numbers) for name, numbers in known.items())
         kind = (
             "log-sigma" if self.residual_kind == "sigma" and (self.effects or known) else self.residual_kind
         )

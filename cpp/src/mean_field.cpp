@@ -21,6 +21,7 @@ using Nodes = std::array<double, node_count>;
 constexpr Nodes node{0.06943184420297371, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629};
 constexpr Nodes weight{0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
 
+constexpr double tolerance = 1e-12;   // of the mass
 constexpr double gone = 28.0;         // densities below exp(-28) = 7e-13 are dropped
 constexpr double step_limit = 200e3;  // seconds of work
 
@@ -80,20 +81,25 @@ class Layer {
   }
 
   // Newton's method. The mass is a convex, falling function of the slowness. Only the first step can pass the
-  // root, to the side from which no further step does.
+  // root, to the side from which no further step does. A step leaves at most half of the curvature times its
+  // square, or little more; where that is surely below the tolerance, the mass need not be summed once more.
   double solve(double slowness) const {
     for (int iteration = 0; iteration < 100; ++iteration) {
-      double mass = 0.0, loss = 0.0;
+      double mass = 0.0, loss = 0.0, curvature = 0.0;
       for (std::size_t i = first_; i < slices_.size(); ++i) {
         const Slice& slice = slices_[i];
         for (std::size_t j = 0; j < node_count; ++j) {
           const double part = slice.volume[j] * std::exp(-slice.exponent[j] - slowness * slice.dose[j]);
+          const double lost = part * slice.dose[j];
           mass += part;
-          loss += part * slice.dose[j];
+          loss += lost;
+          curvature += lost * slice.dose[j];
         }
       }
-      if (std::abs(mass - mass_) < 1e-12 * mass_) break;
-      slowness = std::max(0.0, slowness + (mass - mass_) / loss);
+      if (std::abs(mass - mass_) < tolerance * mass_) break;
+      const double step = (mass - mass_) / loss;
+      slowness = std::max(0.0, slowness + step);
+      if (slowness > 0.0 && curvature * step * step < 0.5 * tolerance * mass_) break;
     }
     return slowness;
   }

@@ -93,6 +93,20 @@ def test_prepares_beside_seeks(scene):
     assert (done[-1], player.prepared) == (1.0, 1.0)
 
 
+def test_a_seek_beside_preparing_keeps_no_brick_twice(scene):
+    alone, player, half = (
+        TracePlayer(scene[0], every=0.1),
+        TracePlayer(scene[0], every=0.1),
+        threading.Event(),
+    )
+    assert alone.prepare()
+    player.seek(
+        player.duration,
+        progress=lambda _: player.prepare(lambda part: half.set() if part > 0.5 else None, cancel=half),
+    )
+    assert player.kept == alone.kept
+
+
 @pytest.mark.parametrize("states", [1.5, 2.5, 3.5, 4.5, 100])
 def test_given_up_states_take_no_change_with_them(states):
     """Every tick changes two other bricks, so that a change lost with a state is found."""

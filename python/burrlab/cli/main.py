@@ -19,13 +19,14 @@ from burrlab.starting import started
 
 _QUIET = "--quiet"
 _QUIET_HELP = "no progress, notes or warnings on standard error"
+#: Options whose values may begin with a minus.
+_SIGNED = ("--entry", "--axis", "--map", "--crop", "--offset", "--rotation")
 
 
 class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         """Takes whole names only: an abbreviation may mean another option later."""
         super().__init__(allow_abbrev=False, **options)
-        self._negative_number_matcher = re.compile(r"-[\d.]")  # a vector, too: --entry -1,2,3
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse, but names a misspelt option before it asks for a missing one."""
@@ -43,6 +44,17 @@ class _Parser(argparse.ArgumentParser):
         if message.endswith("required: COMMAND"):
             message += f", one of {', '.join(self._actions[-1].choices or ())}"
         self.exit(2, f"{self.prog}: {message}\n")
+
+
+def join_vectors(arguments: Sequence[str]) -> list[str]:
+    """`--entry -1,2,3` as `--entry=-1,2,3`: argparse reads a leading minus as an option."""
+    joined: list[str] = []
+    for text in arguments:
+        if joined and joined[-1] in _SIGNED and re.match(r"-[\d.]", text):
+            joined[-1] += f"={text}"
+        else:
+            joined.append(text)
+    return joined
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -86,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if sys.stderr is None:  # it was closed
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     try:
-        texts = list(sys.argv[1:] if arguments is None else arguments)
+        texts = join_vectors(sys.argv[1:] if arguments is None else arguments)
         words = [text for text in texts if text != _QUIET]
         options = command_parser().parse_args(words)
         run = getattr(

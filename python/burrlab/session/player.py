@@ -57,6 +57,10 @@ class BrickHistory:
         """Tick of the newest state at or before a tick."""
         return self._states[self._behind(tick) - 1][0]
 
+    def after(self, tick: int) -> int | None:
+        """Tick of the first state after a tick; None if there is none."""
+        return next((state[0] for state in self._states[self._behind(tick) :]), None)
+
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
         """Keeps the state at a tick after the newest one; `bricks` are all that changed since then."""
         if tick > self.last:
@@ -245,7 +249,8 @@ class TracePlayer:
     def prepared(self) -> float:
         """Part of the trace whose states are kept, 0 to 1. Seeks there are fast."""
         with self._kept.lock:
-            return min(1.0, (self._kept.last + (self._every << self._kept.thinned)) / max(self.ticks, 1))
+            step = self._every << self._kept.thinned
+            return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
 
     @property
     def kept(self) -> tuple[int, int]:
@@ -351,20 +356,27 @@ class _TickCursor:
                 changed.append(take_changed_bricks(self.bone))
         first = self.done
         while self.done < done:
-            with self._kept.lock:
-                step = self._every << self._kept.thinned
-                key = max(self._kept.last, self.done + 1 - step) + step  # no kept state lies on the way
-            end = min(done, key, self.done + _BATCH)
-            self._executor.execute(inputs(self._trace.ticks[self.done : end]))
-            self.done = end
-            changed.append(take_changed_bricks(self.bone))
-            self._since.append(changed[-1])
-            if end == key:
-                with self._kept.lock:
-                    self._kept.add(end, _union(self._since), self.bone)
-                self._since = []
-            report_progress(1 - (done - end) / (done - first))
+            changed.append(self._execute(done))
+            report_progress(1 - (done - self.done) / (done - first))
         return _union(changed)
+
+    def _execute(self, done: int) -> NDArray[np.uint32]:
+        """Executes ticks up to `done` or the next kept state; returns the bricks that changed."""
+        with self._kept.lock:
+            step = self._every << self._kept.thinned
+            key = self._kept.after(self.done)  # another walk may have kept it by now
+            if key is None:
+                key = max(self._kept.last, self.done + 1 - step) + step
+        end = min(done, key, self.done + _BATCH)
+        self._executor.execute(inputs(self._trace.ticks[self.done : end]))
+        self.done = end
+        changed = take_changed_bricks(self.bone)
+        self._since.append(changed)
+        if end == key:
+            with self._kept.lock:
+                self._kept.add(end, _union(self._since), self.bone)
+            self._since = []
+        return changed
 
 
 def _held(
@@ -434,10 +446,10 @@ class RecordingPlayer:
         self._radius = _held(motion.radius_time, motion.radius, 1)
         ends = [times[-1:] for times in (time, self._when, motion.force_time) if times is not None]
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
-        self.history = History(
-            time, np.linalg.norm(self._force(time), axis=1, keepdims=True), np.full((len(time), 1), np.nan)
-        )
-        empty, notes = int(np.count_nonzero(self._level == 0)), list(motion.notes)
+        force = np.linalg.norm(self._force(time), axis=1, keepdims=True)
+        self.history = History(time, force, np.full((len(time), 1), np.nan))
+        empty = int(np.count_nonzero(self._level == 0))
+        notes = list(motion.notes)
         if 2 * empty > len(self._level):
             notes.insert(1, f"{empty} of {len(self._level)} removed voxels are empty in this bone")
         self.note = "; ".join(notes)

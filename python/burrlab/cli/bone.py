@@ -17,6 +17,7 @@ import burrlab
 from burrlab._core import Burr, Material, Tissue, Tissues, VoxelBone
 from burrlab.bone.image import LabelVolume, OccupancyMap, OnGrid, Volume
 from burrlab.bone.kept import check_drilled, save_drilled
+from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
 from burrlab.bone.slices import is_stack
 from burrlab.bone.snapshot import check_bone_file, holds_bone, save_bone
@@ -122,11 +123,11 @@ def chosen_start(options: Options, burr: Burr, material: Material) -> BoneStart:
     like = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
-    return BoneStart(
-        bone, recipe.tick if isinstance(recipe, DrilledRecipe) else 0, material_on(bone, material),
-        {**recipe.plain(), "notes": list(recipe.notes())}, place, like, recipe.mapping,
-        None if holds_bone(options.bone or "") else recipe.grid(),
-    )  # fmt: skip
+    tick = recipe.tick if isinstance(recipe, DrilledRecipe) else 0
+    material = material_on(bone, material)
+    source = {**recipe.plain(), "notes": list(recipe.notes())}
+    grid = None if holds_bone(options.bone or "") else recipe.grid()
+    return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 
 
 def _recipe(options: Options, material: Material) -> Recipe | DrilledRecipe | None:
@@ -195,11 +196,10 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     """
     counts = label_counts(labels.labels, labels.path)
     if tissues is None:
-        tissue_names = {
-            label: tissue.name
-            for label in counts
-            if (tissue := known_tissue(labels.names.get(label) or UNLABELLED * (label == 0))) is not None
+        known = {
+            label: known_tissue(labels.names.get(label) or UNLABELLED * (label == 0)) for label in counts
         }
+        tissue_names = {label: tissue.name for label, tissue in known.items() if tissue is not None}
     else:
         tissue_names = {0: UNLABELLED, **{tissue.label: tissue.name for tissue in tissues}}
     return [
@@ -278,7 +278,7 @@ def template(labels: LabelVolume) -> Tissues:
     """
     counts = label_counts(labels.labels, labels.path)
     check_count(counts, f"{labels.path}: ")
-    bone = burrlab.materials["bone"]
+    bone = materials["bone"]
     rows: list[Tissue] = []
     for label in counts:
         name = labels.names.get(label, UNLABELLED if label == 0 else f"structure {label}").strip()

@@ -132,10 +132,8 @@ def _pair(text: str) -> tuple[float, float]:
 @parsed_by
 def _size(text: str) -> tuple[int, int]:
     parts = text.lower().split("x")
-    refuse(
-        len(parts) != 2 or not all(part.isdecimal() and 16 <= int(part) <= 16384 for part in parts),
-        f"must be WIDTHxHEIGHT of 16 to 16384 pixels, got '{text}'",
-    )
+    fine = len(parts) == 2 and all(part.isdecimal() and 16 <= int(part) <= 16384 for part in parts)
+    refuse(not fine, f"must be WIDTHxHEIGHT of 16 to 16384 pixels, got '{text}'")
     return int(parts[0]), int(parts[1])
 
 

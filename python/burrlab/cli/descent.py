@@ -69,11 +69,12 @@ def do_sweep(options: Options) -> int:
         "status": list(curve.status or ()),
     }
     lost = (curve.status or ()).count("interrupted")
-    remarks = [*curve.provenance["warnings"], *[f"{lost} interrupted"] * bool(lost)]
-    if lost and options.store is not None:
-        remarks[-1] += f", the same command goes on from {options.store}"
     text = f"{len(curve)} descents, {ok} with a velocity, written to {options.out}; seed {result['seed']}"
-    deliver(options, result, "; ".join([text, *remarks]))
+    text += "".join(f"; {name}" for name in curve.provenance["warnings"])
+    if lost:
+        text += f"; {lost} interrupted"
+        text += "" if options.store is None else f", the same command goes on from {options.store}"
+    deliver(options, result, text)
     if options.plot is not None:
         axes = curve.plot()
         axes.set_title(assumed(notes), fontsize=8)
@@ -118,10 +119,10 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
 def do_fit(options: Options) -> None:
     engine: Literal["mean-field"] | burrlab.VoxelEngine = "mean-field"
     if options.engine == "voxel":
+        store = None if options.store is None else burrlab.Store(options.store)
         engine = burrlab.VoxelEngine(
-            voxel=options.voxel or 0.1, progress=on_terminal(), seed=options.seed,
-            store=None if options.store is None else burrlab.Store(options.store),
-        )  # fmt: skip
+            voxel=options.voxel or 0.1, store=store, progress=on_terminal(), seed=options.seed
+        )
     else:
         refuse_options(options, ("voxel", "store", "seed"), "goes with --engine voxel")
     result = burrlab.fit(
@@ -132,6 +133,7 @@ def do_fit(options: Options) -> None:
         share=options.share,
         **_effects(options),
     )
+    points = {} if options.test is None else {"given": options.test}
     plain, text = result.to_dict(), result.report(options.verbose)
     if options.test is not None:
         test = result.test(*options.test)
@@ -142,10 +144,7 @@ def do_fit(options: Options) -> None:
         text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)
     plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
-    plot(
-        options.region,
-        lambda: result.plot_region(points={} if options.test is None else {"given": options.test}),
-    )
+    plot(options.region, lambda: result.plot_region(points=points))
     plot(options.profile, result.plot_profile)
 
 
@@ -157,28 +156,29 @@ def do_compare(options: Options) -> None:
     same = [file for file in options.file if options.file.count(file) > 1]
     refuse(same, f"needs another FILE.csv for each data set: got {same[0] if same else ''} twice")
     options.indentation, options.trace = [], []
-    curves = [x for x in _data(options) if isinstance(x, burrlab.VelocityCurve)]
+    curves, fits = [x for x in _data(options) if isinstance(x, burrlab.VelocityCurve)], []
     names = ["standard input" if file == "-" else file for file in options.file]
     if options.by is not None:
         names, curves = map(list, zip(*curves[0].split(options.by).items(), strict=True))
-    known = [curve.sigma is not None and np.isfinite(curve.sigma[curve.ok]).all() for curve in curves]
-    fits = [
-        burrlab.fit(
-            curve,
-            law=chosen_law(options),
-            residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
-            **_effects(options),
+    for curve in curves:
+        sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
+        fits.append(
+            burrlab.fit(
+                curve,
+                law=chosen_law(options),
+                residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
+                **_effects(options),
+            )
         )
-        for curve, sigma in zip(curves, known, strict=True)
-    ]
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     deliver(options, result.to_dict(), result.report(), result.plot)
 
 
 def do_laws(options: Options) -> None:
+    named = {} if options.laws is None else {"laws": options.laws}
     result = burrlab.compare_laws(
         _data(options), level=options.level, residuals=options.residuals, uncertain=options.uncertain,
-        progress=on_terminal(), **({} if options.laws is None else {"laws": options.laws}),
+        progress=on_terminal(), **named,
     )  # fmt: skip
     deliver(options, result.to_dict(), result.report(), lambda: result.plot()[0])
 

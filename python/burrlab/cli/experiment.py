@@ -240,9 +240,8 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
 
 def _command(action: str, options: Options, subject: str) -> str:
     """The command line for an action."""
+    who = "--all" if options.all else f"--subject {subject}"
     given = {name: getattr(options, name) for name in ("task", "device", "experimenter", "weber", "decision")}
-    return " ".join([
-        "burrlab experiment", action, str(options.config), "--all" if options.all else f"--subject {subject}",
-        *(f"--{name} {value}" for name, value in given.items() if value is not None),
-        *(f"--{name}" for name in ("simulated", "fast") if getattr(options, name)),
-    ])  # fmt: skip
+    values = [f"--{name} {value}" for name, value in given.items() if value is not None]
+    flags = [f"--{name}" for name in ("simulated", "fast") if getattr(options, name)]
+    return " ".join(["burrlab experiment", action, str(options.config), who, *values, *flags])

@@ -233,10 +233,11 @@ def _write(path: str, name: str, write: Callable[[str], object], what: str) -> N
 
 def check_outputs(options: Options, arguments: Sequence[str]) -> None:
     """ValueError before any work if a result could not be written, or would replace a file of `given`."""
+    texts = [text.partition("=")[2] if text.startswith("--") else text for text in arguments]
     # an experiment checks its own files
     files = [
         Path(text).resolve()
-        for text in (word.partition("=")[2] if word.startswith("--") else word for word in arguments)
+        for text in texts
         if os.path.isfile(text) and text != getattr(options, "config", None)
     ]
     outputs: dict[Path, str] = {}
@@ -252,10 +253,8 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
         # slices are saved as a folder
         refuse(not writable or (place.is_dir() and name != "save"), f"--{name}: {path} cannot be written")
         # No command replaces a trace, no export a file.
-        refuse(
-            (name == "record" or (name, options.command) == ("out", "export")) and place.exists(),
-            f"--{name} must be a new file, {path} exists",
-        )
+        new = name == "record" or (name, options.command) == ("out", "export")
+        refuse(new and place.exists(), f"--{name} must be a new file, {path} exists")
         other = outputs.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
         # a bone may be saved in its place

@@ -7,11 +7,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-import burrlab
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.bone.image import resampled_shape
+from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, usual_recipe
 from burrlab.bone.slices import is_stack
+from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import read_tissues
 from burrlab.cli.options import Options, refuse_options, require_options, say
 from burrlab.common.check import refuse
@@ -75,7 +76,7 @@ def _labelled(
     }  # fmt: skip
     if options.tissues is None:
         return usual_recipe(options.labels, material, of_labels, **settings)
-    chosen = None if material == burrlab.materials["bone"] else material
+    chosen = None if material == materials["bone"] else material
     return LabelledRecipe(
         options.labels, read_tissues(options.tissues, material=chosen), **of_labels, **settings
     )
@@ -83,14 +84,10 @@ def _labelled(
 
 def material_on(bone: VoxelBone, material: Material) -> Material:
     """The material of a burr on a bone: where none was chosen, that of the bone's tissues."""
-    return (
-        bone.tissues.material
-        if bone.tissues is not None and material == burrlab.materials["bone"]
-        else material
-    )
+    return bone.tissues.material if bone.tissues is not None and material == materials["bone"] else material
 
 
-def chosen_specimen(options: Options, burr: Burr, material: Material) -> burrlab.Specimen | None:
+def chosen_specimen(options: Options, burr: Burr, material: Material) -> Specimen | None:
     """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
     if options.volume is not None:
         require_options(options, ("map", *PLACE), "--volume")

@@ -52,6 +52,7 @@ from burrlab.session.exchange import (
     parse_device,
 )
 from burrlab.session.haply import HeldDevice
+from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.view.film import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
@@ -87,11 +88,9 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
     effects.wait(2.0)  # for the last frame
     effects.stop()
     report, balance = effects.report(), effects.balance()
-    lines = [
-        f"\neffects at assumed rates, seed {effects.seed}: {report}",
-        *[f"effects ended early: {effects.error}"] * bool(effects.error),
-        *(f"{name}: {account}" for name, account in balance.items()),
-    ]
+    ended = f"\neffects ended early: {effects.error}" if effects.error else ""
+    lines = [f"\neffects at assumed rates, seed {effects.seed}: {report}{ended}"]
+    lines += [f"{name}: {account}" for name, account in balance.items()]
     accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
     return "\n".join(lines), {
         "effects": {
@@ -122,15 +121,16 @@ def _placed(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
 ) -> list[Device | tuple[Device, burrlab.DeviceFrame]]:
     """The devices, each with its frame if the options say one or a device has axes of its own."""
-    names = ("scale", "rotation", "offset", "clutch")
-    frame: dict[str, Any] = {name: value for name in names if (value := getattr(options, name)) is not None}
-    if not frame and not any(isinstance(device, HeldDevice) for device in devices):
+    frame_options = (options.scale, options.rotation, options.offset, options.clutch)
+    if not any(isinstance(device, HeldDevice) for device in devices) and frame_options == (None,) * 4:
         return list(devices)
-    # where a simulated hand starts, a device with axes of its own starts, too
-    start = {"offset": place["start"]} if "start" in place else {}
+    scale, rotation = options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0)
+    origin = (0.0, 0.0, 0.0)
+    start = tuple(place.get("start", origin))  # of a simulated hand, and of a device with axes of its own
+    offsets = [options.offset or (start if isinstance(device, HeldDevice) else origin) for device in devices]
     return [
-        (device, burrlab.DeviceFrame(**((start if isinstance(device, HeldDevice) else {}) | frame)))
-        for device in devices
+        (device, burrlab.DeviceFrame(scale, rotation, offset, options.clutch))
+        for device, offset in zip(devices, offsets, strict=True)
     ]
 
 
@@ -169,12 +169,13 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
+    publish = burrlab.Publish(
+        port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
+    ) if published else None  # fmt: skip
     session = burrlab.Session(
         burrlab.StartingBone(start.bone, start.tick, start.source), [(burr, start.material)] * len(devices),
         _placed(devices, options, start.place), seed=options.seed, duration=options.duration, record=options.record,
-        watch=watch, on_message=say, publish=burrlab.Publish(
-            port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
-        ) if published else None,
+        watch=watch, on_message=say, publish=publish,
         clock=burrlab.Clock(rate=options.rate, wall_clock=not options.virtual_clock, realtime=not options.no_realtime),
         safety=burrlab.Safety(
             force_limit=options.force_limit, slew_limit=options.slew_limit, limits=_limits(options.model), ramp=options.ramp,
@@ -371,27 +372,27 @@ def do_replay(options: Options) -> int:
     again = burrlab.replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     verdict = f"equal: {where}" if again.equal else f"different: {again.difference}"
+    ended = trace.ended or "recording did not end: the session was killed, or goes on"
     deliver(
         options,
         {
             "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
             "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
         },
-        f"{verdict}\n{trace.ended or 'recording did not end: the session was killed, or goes on'}",
+        f"{verdict}\n{ended}",
     )  # fmt: skip
     return 0 if again.equal else 1
 
 
 def do_metrics(options: Options) -> None:
     refuse_options(options, ("onto",), "goes with --target", options.target is None)
-    names = ("threshold", "hysteresis")
-    wanted = {name: limit for name in names if (limit := getattr(options, name)) is not None}
+    wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
     target = None
     if is_recording(options.file):
         refuse_options(options, ("target", "watch", *LIMITS), "goes with a trace")
         recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
         with warnings_said():
-            metrics = burrlab.session_metrics(recording, burr=options.burr, **wanted)
+            metrics = session_metrics(recording, burr=options.burr, **wanted)
     else:
         refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
         trace = burrlab.load_trace(options.file)
@@ -399,7 +400,7 @@ def do_metrics(options: Options) -> None:
             target = burrlab.read_labels(options.target)
             # A wrong target is refused before the work.
             compare_with_target(trace.bone(), target, onto=options.onto)
-        metrics = burrlab.session_metrics(trace, burr=options.burr, **wanted)
+        metrics = session_metrics(trace, burr=options.burr, **wanted)
         watch_chosen = watch_asked_for(options)
         # The report was not recorded, the session was killed, or another watch is wanted.
         if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
@@ -439,11 +440,8 @@ def do_export(options: Options) -> None:
         "export needs one of FILE and, for .burr, --volume or --labels",
     )
     written, text = _EXPORTS[ending](options)
-    deliver(
-        options,
-        {"file": options.file or options.volume or options.labels, "written": options.out, **written},
-        f"written {options.out}{text}",
-    )
+    source = options.file or options.volume or options.labels
+    deliver(options, {"file": source, "written": options.out, **written}, f"written {options.out}{text}")
 
 
 def _export_recording(options: Options) -> tuple[dict[str, Any], str]:

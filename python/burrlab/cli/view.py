@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-import burrlab
 from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
+from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.snapshot import holds_bone
 from burrlab.cli.commands import FPS
@@ -29,6 +29,7 @@ from burrlab.common.files import new_file
 from burrlab.effects.effects import Effects
 from burrlab.foreign.volumetric_drilling import is_recording, read_volumetric_drilling
 from burrlab.session.player import Player, RecordingPlayer, TracePlayer
+from burrlab.session.trace import load_trace
 from burrlab.view.camera import Viewpoint, approach_view, surgeon_view, trace_approach
 from burrlab.view.film import TraceView, check_film, write_video
 from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices
@@ -94,10 +95,11 @@ def _draw(
         scene.look(viewpoint)
     if options.video is not None:
         fps = options.fps or FPS
+        frames = view.frames(
+            fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
+        )
         with ended_by_signals():
-            result["frames"] = write_video(options.video, view.frames(
-                fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
-            ), fps=fps)  # fmt: skip
+            result["frames"] = write_video(options.video, frames, fps=fps)
         result["written"].append(str(options.video))
     if player is not None and (options.video is None or options.png or options.pictures):
         view.go(at, progress=on_terminal())
@@ -188,7 +190,7 @@ def _player(options: Options) -> tuple[Player, list[str]]:
         say(shown.note)
         return shown, [*notes, shown.note]
     try:
-        player = TracePlayer(burrlab.load_trace(options.file))
+        player = TracePlayer(load_trace(options.file))
         return player, list(player.trace.notes)
     except (ValueError, IsADirectoryError) as error:
         if isinstance(error, ValueError) and "is not a burrlab trace" not in str(error):
@@ -200,9 +202,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str], dict[str, Any]
     """The bone of --bone, --volume or --labels, the assumptions about it, and its source; brings entry and axis
     into the bone frame."""
     recipe = (
-        chosen_recipe(options, burrlab.materials["bone"])
-        if options.bone is None
-        else DrilledRecipe(options.bone)
+        chosen_recipe(options, materials["bone"]) if options.bone is None else DrilledRecipe(options.bone)
     )
     assert recipe is not None
     bone = recipe.bone()

@@ -154,15 +154,11 @@ def export_volumetric_drilling(
                 pose_mastoidectomy_volume=np.tile(grid.pose(trace._bone), (len(rows), 1)),
             )
             _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
-            _put(
-                group("drill_force_feedback"), time_stamp=stamps,
-                wrench=np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))]),
-            )  # fmt: skip
+            wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
+            _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
             size = max(1, round(2 * trace.tools[burr][0].radius))
-            _put(
-                group("burr_change"), time_stamp=np.array([start]),
-                burr_size=np.array([size], np.int64 if layout == "new" else np.int32),
-            )  # fmt: skip
+            sizes = np.array([size], np.int64 if layout == "new" else np.int32)
+            _put(group("burr_change"), time_stamp=np.array([start]), burr_size=sizes)
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 
 
@@ -421,11 +417,9 @@ class DrillingRecording:
         bone_pose, theirs = _SliceGrid(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(bone_pose[3:]) * of_quaternion(theirs).inv()
         scale = self._scale_on(bone, source, least=_RESAMPLED)
-        return (
-            to_bone,
-            to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3],
-            f"lengths are divided by {scale:g}, by which its recorder multiplied them" * (scale != 1.0),
-        )
+        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3]
+        note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
+        return to_bone, position, note * (scale != 1.0)
 
     def _scale_on(
         self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = np.inf
@@ -666,10 +660,8 @@ class _Part:
         filled, rank = np.unique(group, return_inverse=True)
         if len(filled) == len(stamps):  # in 2024, groups without voxels have no time
             group = rank
-        refuse(
-            not ((removed == np.rint(removed)) & (removed >= 0)).all() or (group >= len(stamps)).any(),
-            f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0",
-        )
+        whole = (removed == np.rint(removed)).all() and (removed >= 0).all() and (group < len(stamps)).all()
+        refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
         refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
         return [stamps[group.astype(np.int64)], removed[:, 1:].astype(np.int64), rgb.astype(np.int64)]
 

@@ -126,7 +126,6 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
         table["time"] = (times - started) / 1e6
         for column, _ in number:
             table[column] = numbers
-        table[[column for column, *_ in columns]] = values.view(
-            [(column, "f8", *shape) for column, _, *shape in columns]
-        )[:, 0]
+        fields = values.view([(column, "f8", *shape) for column, _, *shape in columns])[:, 0]
+        table[[column for column, *_ in columns]] = fields
     return VrpnLog(file, started / 1e6, **tables, other=other)

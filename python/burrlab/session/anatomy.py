@@ -56,11 +56,8 @@ class SessionAnatomy:
 
     def watched(self, known: int = 0) -> Watched:
         """All that was seen so far, without the first `known` events."""
-        return Watched.of(
-            None if self.watch is None else self._follower.watched(known),
-            self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64),
-            self._burrs,
-        )
+        removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
+        return Watched.of(None if self.watch is None else self._follower.watched(known), removed, self._burrs)
 
     def closest(self, structure: str) -> NDArray[np.float64]:
         """(burrs,) least distance of each burr's surface to a watched structure so far [mm]."""
@@ -74,20 +71,15 @@ class SessionAnatomy:
             return np.zeros(0, EVENT_DTYPE), []
         rows = self.watched(self._told).events
         self._told += len(rows)
-        return rows, [
-            str(event)
-            for event in (AnatomyEvent.of(row, self.watch.structures, self._voxel_volume) for row in rows)
-            if event.kind != "away"
-        ]
+        events = [AnatomyEvent.of(row, self.watch.structures, self._voxel_volume) for row in rows]
+        return rows, [str(event) for event in events if event.kind != "away"]
 
     def report(self) -> AnatomyReport | None:
         """The report so far; None without tissues."""
         if self._tissues is None:
             return None
-        return AnatomyReport.of(
-            self.watched(), self._tissues, {} if self.watch is None else self.watch.settings, self._period,
-            self._voxel_volume,
-        )  # fmt: skip
+        settings = {} if self.watch is None else self.watch.settings
+        return AnatomyReport.of(self.watched(), self._tissues, settings, self._period, self._voxel_volume)
 
 
 _TOLD = 5  # how many of the last faults and divergences are told
@@ -101,10 +93,11 @@ def status_text(status: Mapping[str, Any]) -> str:
     status : mapping
         `Replica.status` with the bone's `digest`, and `interrupted` if its user did so.
     """
-    end = f"{'failed' if status['failed'] else 'ended'} ({status['reason']})"
+    how = "failed" if status["failed"] else "ended"
+    end = "interrupted" if status.get("interrupted") else f"{how} ({status['reason']})"
     dropped = [f"{count} {reason}" for reason, count in status["dropped"].items() if count]
     return "\n".join([
-        f"{'interrupted' if status.get('interrupted') else end}: tick {status['tick']}, digest {status['digest']}",
+        f"{end}: tick {status['tick']}, digest {status['digest']}",
         f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
         f"ticks with another result: {status['differing_ticks']}",
         f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
@@ -126,8 +119,9 @@ def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
     settings = json.loads(replica.hello).get("watch")
     if not settings:
         return []
+    names = [row["name"] for row in settings["structures"]]
     return [
-        AnatomyEvent.of(row, [x["name"] for x in settings["structures"]], settings["voxel_volume_mm3"])
+        AnatomyEvent.of(row, names, settings["voxel_volume_mm3"])
         for row in replica.watched(known)["events"].view(EVENT_DTYPE)
     ]
 
@@ -164,13 +158,9 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     settings = dict(hello.get("watch") or {})
     voxel_volume = float(np.prod(bone.spacing))
     volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
-    return AnatomyReport.of(
-        Watched.of(
-            replica.watched() if settings else None,
-            np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64), len(hello["tools"]),
-        ),
-        bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume,
-    )  # fmt: skip
+    removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
+    watched = Watched.of(replica.watched() if settings else None, removed, len(hello["tools"]))
+    return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
 
 
 def anatomy_report(
@@ -238,7 +228,7 @@ def anatomy_report(
     for start in range(0, len(trace), BATCH):
         executor.execute(inputs(trace.ticks[start : start + BATCH]))
         report(min(start + BATCH, len(trace)) / len(trace))
+    watched = Watched.of(None if core is None else core.seen(), before - tissue_levels(bone), trace.burrs)
     return AnatomyReport.of(
-        Watched.of(None if core is None else core.seen(), before - tissue_levels(bone), trace.burrs),
-        bone.tissues, {} if watch is None else watch.settings, trace.period, trace.voxel_volume,
-    )  # fmt: skip
+        watched, bone.tissues, {} if watch is None else watch.settings, trace.period, trace.voxel_volume
+    )

@@ -151,14 +151,12 @@ class DeviceLimits:
     def __post_init__(self) -> None:
         for name in _UNITS:
             value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
+            numbers = value if isinstance(value, tuple) else (value,)
+            for number in () if value is None and name != "window" else numbers:
                 refuse(
-                    (value is not None or name == "window")
-                    and (
-                        not isinstance(number, int | float)
-                        or isinstance(number, bool)
-                        or not 0 < number < math.inf
-                    ),
+                    not isinstance(number, int | float)
+                    or isinstance(number, bool)
+                    or not 0 < number < math.inf,
                     f"{name} must be positive and finite, or None, got {number!r}",
                 )
 
@@ -221,15 +219,14 @@ class KnownLimits(dict[str, DeviceLimits]):
 
     def __repr__(self) -> str:
         heads = (f"{name} [{_UNITS[name]}]".replace("_per_", "/").replace("_", " ") for name in _COLUMNS)
+        lines = [f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|"]
         rows = (f"| {' | '.join(row.split())} |" for row in _TABLE.strip().splitlines())
-        return "\n".join([
-            f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|",
-            *(re.sub(r"(?<= )([\d.x]+)([a-z]) ", r"\1 (\2) ", row) for row in rows), "",
-            *(
-                textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
-                for letter, text in _SOURCES.items()
-            ),
-        ])  # fmt: skip
+        lines += (re.sub(r"(?<= )([\d.x]+)([a-z]) ", r"\1 (\2) ", row) for row in rows)
+        sources = [
+            textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
+            for letter, text in _SOURCES.items()
+        ]
+        return "\n".join([*lines, "", *sources])
 
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.

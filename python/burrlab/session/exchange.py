@@ -180,14 +180,13 @@ def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | VrpnDevic
     ImportError
         For haply without the extra.
     """
+    host, port = device.host, device.port
     openers: dict[str, Callable[[], IgtlDevice | VrpnDevice | HeldDevice]] = {
         "touch": lambda: TouchDevice(device.name, lost_after=lost_after),
         "omega": lambda: OmegaDevice(device.index, lost_after=lost_after),
-        "vrpn": lambda: VrpnDevice(
-            device.name, device.host, device.port, tcp=device.tcp, lost_after=lost_after
-        ),
-        "haply": lambda: HaplyDevice(device.host, device.port, lost_after=lost_after),
-        "igtl": lambda: IgtlDevice(device.host, device.port, lost_after=lost_after),
+        "vrpn": lambda: VrpnDevice(device.name, host, port, tcp=device.tcp, lost_after=lost_after),
+        "haply": lambda: HaplyDevice(host, port, lost_after=lost_after),
+        "igtl": lambda: IgtlDevice(host, port, lost_after=lost_after),
     }
     return openers[device.kind]()
 

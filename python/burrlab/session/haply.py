@@ -143,9 +143,8 @@ class HaplyDevice(MailboxDevice):
             if not all(isinstance(one, bool) for one in flags):
                 raise ValueError(f"the grip's buttons must be true or false, got {shown(pressed)}")
             buttons = sum(flag << i for i, flag in enumerate(flags))
-        self.put(
-            position, velocity, self._on_button is None or bool(buttons >> self._on_button & 1), orientation, buttons
-        )  # fmt: skip
+        on = self._on_button is None or bool(buttons >> self._on_button & 1)
+        self.put(position, velocity, on, orientation, buttons)
 
     def _turn(self, connection: "ClientConnection", watchdog: ForceWatchdog) -> None:
         """One message and its answer, or what the service sent since. If late, force zero: the loop finds the

@@ -111,11 +111,10 @@ class SessionMetrics:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON, units in the names; None where there is no number."""
-        further = {
-            "anatomy": None if self.anatomy is None else self.anatomy.to_dict(),
-            "removed_mm3_by_structure": self.structures, "notes": list(self.notes) or None,
-        }  # fmt: skip
-        return {**_CODEC.plain(self), **{key: part for key, part in further.items() if part is not None}}
+        anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
+        structures = {} if self.structures is None else {"removed_mm3_by_structure": self.structures}
+        notes = {"notes": list(self.notes)} if self.notes else {}
+        return {**_CODEC.plain(self), **anatomy, **structures, **notes}
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
@@ -137,9 +136,8 @@ class SessionMetrics:
 
     def _repr_html_(self) -> str:
         figures, values = zip(*self._rows(), strict=True)
-        table = html_table(
-            f"Burr {self.burr}, threshold {self.threshold:g} N", {"figure": figures, "value": values}
-        )
+        title = f"Burr {self.burr}, threshold {self.threshold:g} N"
+        table = html_table(title, {"figure": figures, "value": values})
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     @drawing
@@ -289,11 +287,8 @@ def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:
     grid = time[1] - time[0]
     velocity = np.gradient(center, grid, axis=0)
     jerk = np.gradient(np.gradient(velocity, grid, axis=0), grid, axis=0)
-    return (
-        np.linalg.norm(velocity, axis=1),
-        np.linalg.norm(jerk, axis=1),
-        float(np.linalg.norm(np.diff(center, axis=0), axis=1).sum()),
-    )
+    path = float(np.linalg.norm(np.diff(center, axis=0), axis=1).sum())
+    return np.linalg.norm(velocity, axis=1), np.linalg.norm(jerk, axis=1), path
 
 
 def _strokes(

@@ -45,9 +45,8 @@ def open_publisher(
     """
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
-    return Publisher(
-        follower, hello=_without_folders(json_text("hello", hello, default=str)), **asdict(publish), **options
-    )
+    text = json_text("hello", hello, default=str)
+    return Publisher(follower, hello=_without_folders(text), **asdict(publish), **options)
 
 
 def _without_folders(hello: str) -> str:

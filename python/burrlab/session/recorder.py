@@ -204,10 +204,8 @@ class TraceWriter:
         expected = self._first + self.recorded + np.arange(len(records), dtype=np.uint64)
         whole = int(np.argmin(np.append(records["index"] == expected, False)))
         room = min(whole, self._room - self.recorded)
-        done, why = self._put(
-            to_rows(records[:room], self._burrs).tobytes(),
-            self._places["ticks"] + self.recorded * self._row_bytes,
-        )
+        rows = to_rows(records[:room], self._burrs).tobytes()
+        done, why = self._put(rows, self._places["ticks"] + self.recorded * self._row_bytes)
         if written := done // self._row_bytes:
             failed = self._put_count("recorded", self.recorded + written)
             self.recorded += 0 if failed else written

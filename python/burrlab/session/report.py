@@ -162,9 +162,9 @@ class SessionReport:
                     f"  burr {burr}: {at['model']} renders {at['model_stiffness_N_per_mm']:.3g} N/mm stably; "
                     f"the contact is {at['stiffness_N_per_mm'] / at['model_stiffness_N_per_mm']:.2f} of that"
                 )
+            edge = "; round an edge the force law gives some, without any delay" if most > 0 else ""
             lines.append(
-                f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ"
-                + "; round an edge the force law gives some, without any delay" * (most > 0)
+                f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ{edge}"
             )
         for name, part in (("network", self.network), ("recording", self.recording)):
             parts = [
@@ -173,11 +173,9 @@ class SessionReport:
                 if value not in (0, "", {}) or key == "complete"
             ]
             lines += [f"  {name}: {', '.join(parts)}"] * bool(parts)
-        anatomy = [] if self.anatomy is None else str(self.anatomy).splitlines()
-        return "\n".join([
-            *lines, *(f"  {line}" for line in (*anatomy, *self.notes)),
-            *(f"  ! {text}" for text in self.messages if text not in self.notes),
-        ])  # fmt: skip
+        anatomy = "" if self.anatomy is None else str(self.anatomy)
+        lines += [f"  {line}" for line in (*anatomy.splitlines(), *self.notes)]
+        return "\n".join([*lines, *(f"  ! {text}" for text in self.messages if text not in self.notes)])
 
     def __repr__(self) -> str:
         return f"SessionReport({self.state}, {self.ticks} ticks, {self.late} late, {self.dropped} periods dropped)"

@@ -279,10 +279,10 @@ class Session:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
-            for text in (
-                *self._first_messages,
-                *(x for x in self.loop.realtime_notes if "not granted" in x or "not available" in x),
-            ):
+            rights = [
+                note for note in self.loop.realtime_notes if "not granted" in note or "not available" in note
+            ]
+            for text in (*self._first_messages, *rights):
                 self._say(text)
         except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")

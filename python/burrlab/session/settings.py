@@ -214,10 +214,10 @@ class ForceLimits:
                 )
             )  # fmt: skip
             if not by_driver or models[burr] is not None or growth:
+                off = "; Safety(limits=None), or --model none, turns the model's limits off"
                 self.sentences.append(
                     f"burr {burr}: {_describe_guard(model, self.guards[burr], rate)}"
-                    + "; Safety(limits=None), or --model none, turns the model's limits off"
-                    * (by_driver and models[burr] is not None)
+                    f"{off * (by_driver and models[burr] is not None)}"
                 )
 
 

@@ -68,15 +68,13 @@ def row_dtype(burrs: int, burr: np.dtype[Any] = BURR_DTYPE) -> np.dtype[Any]:
 
 def file_dtype(burrs: int) -> np.dtype[Any]:
     """Type of a row of the file: the bytes of `row_dtype` as scalars. Columns of burr 1 begin with burr1_."""
-    return np.dtype(
-        [(name, kind) for name, kind, _ in _TICK]
-        + [
-            (f"{prefix}{column}", kind)
-            for prefix in ("", "burr1_")[:burrs]
-            for name, kind, shape, _ in _BURR
-            for column in _components(name, shape)
-        ]
-    )
+    columns = [
+        (f"{prefix}{column}", kind)
+        for prefix in ("", "burr1_")[:burrs]
+        for name, kind, shape, _ in _BURR
+        for column in _components(name, shape)
+    ]
+    return np.dtype([(name, kind) for name, kind, _ in _TICK] + columns)
 
 
 def _components(name: str, shape: tuple[int, ...]) -> list[str]:
@@ -407,11 +405,8 @@ class Trace:
         """
         columns = {name: self.array(name, burr) for name in TICK_COLUMNS}
         for name in BURR_COLUMNS:
-            columns |= zip(
-                _components(name, BURR_DTYPE[name].shape),
-                np.atleast_2d(self.array(name, burr).T),
-                strict=True,
-            )
+            scalars = np.atleast_2d(self.array(name, burr).T)
+            columns |= zip(_components(name, BURR_DTYPE[name].shape), scalars, strict=True)
         return columns
 
     def to_dataframe(self, burr: int = 0) -> "pandas.DataFrame":
@@ -450,11 +445,8 @@ class Trace:
 
 def check_trace(trace: Trace) -> None:
     """TypeError unless `trace` is a `Trace`; a file's name is an easy mistake."""
-    refuse(
-        not isinstance(trace, Trace),
-        f"trace must be a Trace, as load_trace gives it, got {trace!r}",
-        TypeError,
-    )
+    if not isinstance(trace, Trace):
+        raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 
 
 @doing("reading a trace")
@@ -509,9 +501,8 @@ def _read_flat(path: Path, bone: VoxelBone, first: int, source: str, words: list
         digest, ended, end = "-", "", rows[-200:].tobytes()
         if end.startswith(b"\nend "):
             rows = rows[:-200]
-            refuse(
-                end[5:16] != b"%10d " % zlib.adler32(end[16:], zlib.adler32(rows)), "its ticks were changed"
-            )
+            checksum = zlib.adler32(end[16:], zlib.adler32(rows))
+            refuse(end[5:16] != b"%10d " % checksum, "its ticks were changed")
             digest, _, ended = in_one_line(end[16:].decode(errors="replace")).partition(" ")
         else:  # the program was killed
             rows = rows[: len(rows) // row.itemsize * row.itemsize]
@@ -562,9 +553,9 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         f"{path} is damaged: its volume is not the one that the session began with",
     )
     _check_setup(bone, tools, devices, seed, scheme, float(about["period_ms"]))
+    watched_names = {row["name"] for row in watch.get("structures", ())}
     refuse(
-        {row["name"] for row in watch.get("structures", ())} - {tissue.name for tissue in bone.tissues or ()},
-        "its bone lacks a watched structure",
+        watched_names - {tissue.name for tissue in bone.tissues or ()}, "its bone lacks a watched structure"
     )
     refuse(not 0 <= float(about["started_unix_s"]) < np.inf, "its start is no time")
     made_by = {

@@ -14,7 +14,7 @@ from conftest import ROOT
 
 import burrlab
 from burrlab.cli import main
-from burrlab.cli.main import command_parser
+from burrlab.cli.main import command_parser, join_vectors
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TEXTS = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
@@ -118,7 +118,7 @@ def commands(page: str) -> list[str]:
 def test_commands_parse(page, capsys):
     for line in commands(page):
         try:
-            command_parser().parse_args(shlex.split(line)[1:])
+            command_parser().parse_args(join_vectors(shlex.split(line)[1:]))
         except SystemExit as stop:
             if stop.code:
                 pytest.fail(f"{line}\n{capsys.readouterr().err}")

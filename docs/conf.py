@@ -23,10 +23,7 @@ from xml.etree.ElementTree import Element as Node
 
 from docutils import nodes
 from docutils.nodes import Element
-from jinja2 import BaseLoader
-from jinja2.sandbox import SandboxedEnvironment
 from latex2mathml.converter import convert
-from numpydoc import docscrape_sphinx
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
@@ -95,7 +92,6 @@ PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
 MAKER = re.compile(r"[Mm]ade by `(?:\w+\.)*(\w+)`")  # what a result's docstring says of itself
 MENUS: dict[tuple, str] = {}  # of pages that stand in none, by folder
-ENVIRONMENTS: list[SandboxedEnvironment] = []
 HEADERS = ROOT / "cpp/include"
 HEADER_PAGES: dict[str, str] = {}  # of C++, and the first sentence of each
 NO_DOXYGEN = "The C++ reference is left out, as Doxygen is not installed (apt-get install doxygen)."
@@ -394,20 +390,12 @@ def check_names(app: Sphinx, env: object) -> None:
         logging.getLogger(__name__).warning("the reference lacks %s", sorted(missing))
 
 
-def one_environment(loader: BaseLoader) -> SandboxedEnvironment:
-    """That of numpydoc's template, which it else compiles anew for each name."""
-    if not ENVIRONMENTS:
-        ENVIRONMENTS.append(SandboxedEnvironment(loader=loader))
-    return ENVIRONMENTS[0]
-
-
 def lead_in(app: Sphinx, exception: Exception | None) -> None:
     """The folder's own index.html leads to the index."""
     (app.outdir / "index.html").write_text(f'<meta http-equiv="refresh" content="0; url={root_doc}.html">\n')
 
 
 def setup(app: Sphinx) -> None:
-    docscrape_sphinx.SandboxedEnvironment = one_environment
     app.add_html_math_renderer("mathml", (set_formula, None), (set_formula, None))
     write_reference(DOCS / "reference")
     if shutil.which("doxygen"):

@@ -313,21 +313,7 @@ class ReplaySource(PageSource):
 class LiveSource(PageSource):
     """A running or ended session, or its replica: a copy of the bone takes over the changed bricks.
 
-    Parameters
-    ----------
-    source : Session or Replica
-        A replica must have been started, and nothing else may take its changes.
-    effects : Companion, optional
-
-    Attributes
-    ----------
-    tick : int
-        Ticks shown.
-
-    Raises
-    ------
-    TypeError
-        If the source is neither.
+    Parameters and errors are those of `LiveView`; `tick` is the number of ticks shown.
     """
 
     kind = "live"

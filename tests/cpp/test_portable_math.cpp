@@ -18,8 +18,12 @@ int main() {
       CHECK_NEAR(portable::pow(x, k) / std::pow(x, k), 1.0, 2e-14);
     }
   }
+  for (const double x : {5e-324, 1e-310}) CHECK_NEAR(portable::log(x), std::log(x), 1e-12);
+  CHECK_NEAR(portable::exp(-740.0), std::exp(-740.0), 1e-323);  // subnormal
   CHECK(portable::exp(0.0) == 1.0);
   CHECK(portable::exp(-800.0) == 0.0);
+  for (const double x : {709.9, 800.0, 1e6, 1e300}) CHECK(std::isinf(portable::exp(x)));
+  CHECK(std::isinf(portable::pow(1e300, 2.5)));
   CHECK(portable::log(1.0) == 0.0);
   CHECK(portable::pow(0.0, 1.5) == 0.0);
   CHECK(portable::pow(1.0, 1.5) == 1.0);

@@ -94,7 +94,7 @@ BURRLAB_APART void read_shape_table(const Sphere& at, Steps& steps, int count) {
 inline void raise_to_power(const Sphere& at, Steps& steps, int count) {  // y to y^k
   for (int i = 0; i < count; ++i) {
     if (at.integer_order == 0) {
-      for (float& y : steps.row[i].f) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
+      at.power(steps.row[i].f, at.exponent);
     } else {
       const Float y = load(steps.row[i].f);
       Float f = y;

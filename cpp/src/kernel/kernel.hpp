@@ -33,10 +33,10 @@ struct Sphere {
   ShapeKind shape;
   int integer_order;  // the exponent of y if it is a whole number, else 0
   double exponent;
-  double (*power)(double y, double k);  // for exponents that are not whole
-  const float* depth_table;             // DepthTable::cells(); null if f needs no depth
-  const float* shape_table;             // Shape::Table::nodes of y over the depth, or null
-  int table_size;                       // of each of its three parts
+  void (*power)(float* y, double k);  // of a row, for exponents that are not whole
+  const float* depth_table;           // DepthTable::cells(); null if f needs no depth
+  const float* shape_table;           // Shape::Table::nodes of y over the depth, or null
+  int table_size;                     // of each of its three parts
   Draws draws;
 };
 

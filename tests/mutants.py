@@ -246,8 +246,13 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
 
 
 def _chosen(calls: list[dict[str, Any]], function: str, module: str) -> list[str]:
-    """Tests that run a function: those of the module's own file first, then those that run few others and are quick."""
-    files = {row["file"] for row in calls if "file" in row and function in row["functions"]}
+    """Tests that run a function: those of the module's own file first, then those that run few others and are quick.
+
+    In the own file also the others, as tests may share what the first one has computed.
+    """
+    running = [row for row in calls if function in row["functions"]]
+    own = {row["test"].partition("::")[0] for row in running if "test" in row}
+    files = {row["file"] for row in running if "file" in row} | {file for file in own if module in file}
     able = [
         row for row in calls
         if "test" in row and (function in row["functions"] or row["test"].partition("::")[0] in files)

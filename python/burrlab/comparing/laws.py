@@ -48,6 +48,7 @@ _COARSE, _FINE, _REACH = 48, 80, 6.0  # points of c_e, and ln of the largest ove
 _NO_ROOM = 2e-4  # of ln c_e between the bounds of windows and of overloaded runs
 _NEAR = 12.0  # rise of -2 log L over the best up to which points of c_e are close
 _VAGUE = 0.5  # standard error of q by an indentation from which on it tells nothing
+_HIGHEST = 500.0  # logarithm of a ratio of likelihoods, over n, from where it is no matter
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
 _LEAST = {"s": -np.inf, "q": 0.3, "m": -np.inf}  # where a profile begins at the latest
 _CLOSER = (0.03, 0.008)  # steps of q about the best
@@ -91,9 +92,29 @@ class Scan:
         squares = self.squares if m is None else self.squares + self.lever * (m - self.m) ** 2
         return self.pressed + minus2_of(squares, self.n, self.known)
 
-    def at_slope(self, s: float) -> Floats:
-        """-2 log L where s = 2 (k + 1)/q + m is given."""
-        return self.heights(s - 2 * (self.orders[:, None] + 1) / self.q)
+    @property
+    def slopes(self) -> Floats:
+        """s = 2 (k + 1)/q + m at the best m, shape (shapes, c_e)."""
+        return 2 * (self.orders[:, None] + 1) / self.q + self.m
+
+
+def _lowest_over(scans: Sequence[Scan], best: Sequence[Floats]) -> Callable[[float], float]:
+    """-2 log L of the best law among scans where m or s is given; `best` are each scan's values of it at its best m.
+
+    n log(S/n + e^2) + p, p of the indentation, is lowest where (S/n + e^2) exp(p/n) is: one logarithm serves all laws.
+    """
+    n, lever, known = scans[0].n, scans[0].lever, scans[0].known
+    squares = np.concatenate([scan.squares.ravel() for scan in scans])
+    pressed = np.concatenate([np.broadcast_to(scan.pressed, scan.squares.shape).ravel() for scan in scans])
+    places, least = np.concatenate([table.ravel() for table in best]), float(pressed.min())
+    weight = np.ones(len(pressed)) if known else np.exp(np.minimum((pressed - least) / n, _HIGHEST)) / n
+    level, rise = squares + pressed if known else (squares + n * MODEL_ERROR**2) * weight, lever * weight
+
+    def height(given: float) -> float:
+        lowest = float((level + rise * (given - places) ** 2).min())
+        return lowest if known else float(n * np.log(lowest)) + least
+
+    return height
 
 
 def _at_offsets(o: Observations, mixed: MixedLikelihood) -> Observations:
@@ -451,10 +472,10 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
     scans = [scan for of_f in of_shapes for scan in of_f]
     best_scan = min(scans, key=lambda scan: scan.heights().min())
     k, c = np.unravel_index(np.argmin(best_scan.heights()), best_scan.squares.shape)
-    slope = float(2 * (best_scan.orders[k] + 1) / best_scan.q + best_scan.m[k, c])
+    slope = float(best_scan.slopes[k, c])
     error = float(max(np.sqrt(best_scan.squares[k, c] / likelihood.freedom / best_scan.lever), MODEL_ERROR))
     about_s = _profiled(
-        "s", (slope, _SIDE * error), lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits
+        "s", (slope, _SIDE * error), _lowest_over(scans, [scan.slopes for scan in scans]), limits
     )
     low, high = (
         np.nan if x is None else x for x in (about_s.intervals["95"].lower, about_s.intervals["95"].upper)
@@ -465,7 +486,7 @@ def exponents(likelihood: LawLikelihood, law: Law) -> tuple[dict[str, Exponent],
         m = slope - 2 * (shape.order + 1) / found["q"].value
         widest = {name: max(limits[name], of_pressed[name]) for name in LEVELS}
         found["m"] = _profiled(
-            "m", (m, 4 * _SIDE * error), lambda m: min(float(x.heights(m).min()) for x in by_q), widest
+            "m", (m, 4 * _SIDE * error), _lowest_over(by_q, [scan.m for scan in by_q]), widest
         )
         family = [likelihood.scan(q) for q in qs]
         found["k"] = _exponent(
@@ -505,7 +526,7 @@ def _mean_slope(of_shapes: Sequence[Sequence[Scan]], least: float) -> float:
             depth = np.append((scan.c_e / scan.c_e[0]) ** (-1 / scan.q), 0.0)
             weight = np.exp(-(scan.heights() - least) / 2) * step * -np.gradient(depth)[:-1]
             total += float(weight.sum())
-            weighted += float((weight * (2 * (scan.orders[:, None] + 1) / scan.q + scan.m)).sum())
+            weighted += float((weight * scan.slopes).sum())
     return weighted / total
 
 

@@ -10,6 +10,7 @@ CONFIGURE := $(BIN)/cmake -S . -B build -DBURRLAB_PYTHON=ON
 export MPLBACKEND := Agg
 # Two workers on few cores: threads of BLAS that wait for more take a tenth of the CPU time.
 export OPENBLAS_NUM_THREADS := 1
+unexport PYTHONDONTWRITEBYTECODE # pip compiles nothing here, so that the first import keeps what it compiles
 
 .PHONY: demo test test-slow cpp oldest golden bench fuzz figures docs linkcheck wheel release-check windows format clean machine
 

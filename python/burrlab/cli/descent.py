@@ -9,6 +9,7 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
+from burrlab.cli.bone import chosen_specimen, material_on
 from burrlab.cli.commands import KINDS, data_kind
 from burrlab.cli.options import (
     Options,
@@ -21,7 +22,6 @@ from burrlab.cli.options import (
     save_figure,
     say,
 )
-from burrlab.cli.recipe import chosen_specimen, material_on
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 

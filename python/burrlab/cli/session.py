@@ -21,7 +21,15 @@ from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.snapshot import FLAT_ENDING, check_bone_file, holds_bone, save_bone
-from burrlab.cli.bone import BoneStart, chosen_start, rescued
+from burrlab.cli.bone import (
+    OF_LABELS,
+    PLACE,
+    BoneStart,
+    chosen_recipe,
+    chosen_start,
+    rescued,
+    say_notes,
+)
 from burrlab.cli.commands import LIMITS
 from burrlab.cli.options import (
     Options,
@@ -36,7 +44,6 @@ from burrlab.cli.options import (
     warnings_said,
     working,
 )
-from burrlab.cli.recipe import OF_LABELS, PLACE, chosen_recipe, say_notes
 from burrlab.common.check import amend_error, refuse
 from burrlab.common.files import kept_elsewhere, new_file
 from burrlab.effects.companion import Companion

@@ -11,6 +11,7 @@ from burrlab.bone.header import assumed
 from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.snapshot import holds_bone
+from burrlab.cli.bone import OF_LABELS, chosen_recipe, say_notes
 from burrlab.cli.commands import FPS
 from burrlab.cli.options import (
     Options,
@@ -22,7 +23,6 @@ from burrlab.cli.options import (
     say,
     sentence,
 )
-from burrlab.cli.recipe import OF_LABELS, chosen_recipe, say_notes
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
 from burrlab.common.files import new_file

@@ -786,19 +786,18 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
     """
     content, torn = table.split_torn(content_of(path))
     heading = table.line(_COLUMNS)
-    if torn and not content and heading.startswith(torn):
+    if not content and heading.startswith(torn):  # empty, or broken off in its first line
         os.ftruncate(file, 0)
-    elif torn:
-        columns = table.parse(os.fspath(path), content or torn).columns
+        synced_write(file, path, heading)
+        return _COLUMNS
+    columns = table.parse(os.fspath(path), content or torn).columns
+    if torn:
         *before, last = torn.decode(errors="replace").split("\t")
         whole = row.get(columns[-1], table.NOTHING)
         if not content or (
             len(before) == len(columns) - 1 and not (last != whole and whole.startswith(last))
         ):
             synced_write(file, path, b"\n")
-            return columns
-        os.ftruncate(file, len(content))
-    if content:
-        return table.parse(os.fspath(path), content).columns
-    synced_write(file, path, heading)
-    return _COLUMNS
+        else:
+            os.ftruncate(file, len(content))
+    return columns

@@ -179,8 +179,16 @@ class TaskDesign(ABC):
         }
 
 
-class Order(ABC):
+class Order:
     """The trials of one subject, in order; those of a staircase depend on the answers.
+
+    Parameters
+    ----------
+    answers : tuple of str
+        The possible responses.
+    total : int
+    trials : callable
+        From the order to an iterator, which makes a trial after all before it are answered.
 
     Attributes
     ----------
@@ -192,14 +200,17 @@ class Order(ABC):
         Places in `answered` of those that do not count.
     """
 
-    def __init__(self, answers: tuple[str, ...], total: int) -> None:
-        self.total, self._answers = total, answers
+    def __init__(
+        self, answers: tuple[str, ...], total: int, trials: Callable[["Order"], Iterator[Trial]]
+    ) -> None:
+        self.total, self._answers, self._trials = total, answers, trials(self)
         self.answered: list[tuple[Trial, str]] = []
         self.lost: set[int] = set()
+        self._next = next(self._trials, None)
 
-    @abstractmethod
     def next(self) -> Trial | None:
         """The next trial, which stays the same until it is answered; None at the end."""
+        return self._next
 
     def answer(self, response: str, *, lost: bool = False) -> None:
         """Records the response to the next trial; one that is `lost` moves no staircase.
@@ -209,11 +220,12 @@ class Order(ABC):
         ValueError
             If the response is not one of the design's answers, or no trial is left.
         """
-        if (trial := self.next()) is None:
+        if (trial := self._next) is None:
             raise ValueError(f"there is no trial left to answer, got {response!r}")
         one_of("response", response, self._answers)
         self.lost |= {len(self.answered)} if lost else set()
         self.answered.append((trial, response))
+        self._next = next(self._trials, None)
 
     def counted(self) -> list[tuple[Trial, str]]:
         """Answered trials of the main phase that count."""
@@ -360,12 +372,8 @@ class FixedOrder(Order):
     """
 
     def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
-        super().__init__(answers, len(trials))
+        super().__init__(answers, len(trials), lambda order: iter(trials))
         self.trials = tuple(trials)
-
-    def next(self) -> Trial | None:
-        done = len(self.answered)
-        return self.trials[done] if done < len(self.trials) else None
 
 
 def _check_common(design: Any) -> None:

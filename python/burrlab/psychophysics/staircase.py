@@ -6,7 +6,7 @@ Each simulates how well it finds the threshold of a given observer. `design_of_d
 import inspect
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeAlias, cast
 
@@ -65,8 +65,35 @@ class Staircased(ComparisonDesign):
         whole("catch", self.catch, at_least=0)
         refuse(self.catch > self.trials, f"catch must be at most the {self.trials} trials, got {self.catch}")
 
-    def order(self, *, seed: int, subject: str) -> "StaircaseOrder":
-        return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
+    def order(self, *, seed: int, subject: str) -> Order:
+        draws = Draws(seed, subject, self.to_dict())
+        total = self.practice + self.trials + self.catch
+        return Order(self.answers, total, lambda order: self._each_trial(draws, order))
+
+    def _each_trial(self, draws: Draws, order: Order) -> Iterator[Trial]:
+        """The trials; levels follow the answers in the order, the kinds and seeds of intervals do not."""
+        practice, main, catch = (
+            enumerate(_kinds(draws, number), 1) for number in (self.practice, self.trials, self.catch)
+        )
+        phases: list[Phase] = ["main"] * self.trials
+        for part in reversed(range(self.catch)):  # one in each of equal parts of the main phase
+            low, high = (self.trials * end // self.catch for end in (part, part + 1))
+            phases.insert(low + draws.below(high - low), "catch")
+        for number, kind in practice:
+            yield self._trial(draws, (kind, self.easy_level()), number, "practice", 0)
+        track, done = self.track(), 0
+        for phase in phases:
+            if (level := track.level()) is None:
+                return
+            number, kind = next(main if phase == "main" else catch)
+            at = level if phase == "main" else self.easy_level()
+            block = 1 + min(done * self.blocks // self.trials, self.blocks - 1)
+            trial = self._trial(draws, (kind, at), number, phase, block)
+            yield trial
+            if phase == "main":
+                done += 1
+                if len(order.answered) - 1 not in order.lost:
+                    track.update(order.answered[-1][1] == trial.correct)
 
     def _measure(self, answers: "Answers") -> "Threshold":
         """The threshold that a run with an observer finds."""
@@ -76,58 +103,11 @@ class Staircased(ComparisonDesign):
         return track.threshold()
 
 
-class StaircaseOrder(Order):
-    """An order whose levels follow the answers; orders of intervals and seeds do not.
-
-    RC and CR are equally frequent in every eight trials from the first. The same answers give the same
-    trials.
-
-    Attributes
-    ----------
-    track : StaircaseTrack or AdaptiveTrack
-    """
-
-    def __init__(self, design: Staircased, draws: Draws) -> None:
-        super().__init__(design.answers, design.practice + design.trials + design.catch)
-        self.track = design.track()
-        self._design, self._draws = design, draws
-        self._kinds = {"practice": self._drawn(design.practice), "main": self._drawn(design.trials)}
-        self._phases: list[Phase] = [*(["practice"] * design.practice), *(["main"] * design.trials)]  # type: ignore[list-item]
-        if design.catch:  # one in each of equal parts of the main phase, the last first
-            self._kinds["catch"] = self._drawn(design.catch)
-            ends = [design.trials * part // design.catch for part in range(design.catch + 1)]
-            for low, high in zip(ends[-2::-1], ends[:0:-1], strict=True):
-                self._phases.insert(design.practice + low + draws.below(high - low), "catch")
-        self._next: Trial | None = None
-
-    def _drawn(self, trials: int) -> list[str]:
-        runs = max(1, -(-trials // _RUN))
-        drawn = self._draws.balanced((("RC",), ("CR",)), runs * _RUN, runs) if trials else []
-        return [kind for run in drawn for kind in run][:trials]
-
-    def next(self) -> Trial | None:
-        done, design, level = len(self.answered), self._design, self.track.level()
-        if self._next is None and done < self.total:
-            phase = self._phases[done]
-            number, main = (self._phases[:done].count(x) for x in (phase, "main"))
-            block = (
-                0
-                if phase == "practice"
-                else 1 + min(main * design.blocks // design.trials, design.blocks - 1)
-            )
-            if phase == "practice" or level is not None:
-                at = level if phase == "main" and level is not None else design.easy_level()
-                self._next = design._trial(
-                    self._draws, (self._kinds[phase][number], at), number + 1, phase, block
-                )
-        return self._next
-
-    def answer(self, response: str, *, lost: bool = False) -> None:
-        super().answer(response, lost=lost)
-        trial = self.answered[-1][0]
-        if trial.phase == "main" and not lost:
-            self.track.update(response == trial.correct)
-        self._next = None
+def _kinds(draws: Draws, trials: int) -> list[str]:
+    """RC and CR, equally frequent in every eight trials from the first."""
+    runs = max(1, -(-trials // _RUN))
+    drawn = draws.balanced((("RC",), ("CR",)), runs * _RUN, runs) if trials else []
+    return [kind for run in drawn for kind in run][:trials]
 
 
 _SMALLEST = 1e-4  # least difference of a level; nobody feels it

@@ -1,6 +1,6 @@
 """Runs of the simulated hand on bone, for the stability tests and docs/stability.md.
 
-`python tests/python/stability_cases.py` prints all cases; docs/stability.md shows five.
+`python tests/python/stability_cases.py` prints all cases that docs/stability.md sums up.
 """
 
 from dataclasses import dataclass

@@ -119,7 +119,10 @@ class Paired:
         ))  # fmt: skip
 
 
-class JointModel(RowProducts):
+def joint_model(
+    likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str],
+    one_c_e: bool = False, alike: bool = True,
+) -> RowProducts:  # fmt: skip
     """The rows of two likelihoods that share effects, with c_e and alpha of each: [Z, J, J', r]; or with one c_e.
 
     Parameters
@@ -134,33 +137,25 @@ class JointModel(RowProducts):
         Whether both leave c_e open, or neither does. Otherwise effects of specimens act on the two in unlike ways, and
         a variance of the pairs' difference below 0 would take up what these do.
     """
-
-    def __init__(
-        self, likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str],
-        one_c_e: bool = False, alike: bool = True,
-    ) -> None:  # fmt: skip
-        self.n_fixed = 3 if one_c_e else 4
-        plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
-        common = _effects_of_groups([x.observations for x in plain], alike)
-        offsets = [_offsets(likelihood) for likelihood in likelihoods]
-        common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
-        models = []  # of each side: the common effects, its own, J and r
-        for side, has in enumerate(offsets):
-            effects = [pair[side] for pair in common] + [
-                x for name, (x, _) in has.items() if name not in shared
-            ]
-            shifts = [
-                has[x.quantity][1] if x.quantity in has else _moved_specimens(likelihoods[side], x)
-                for x in effects
-            ]
-            models.append(
-                LinearModel(plain[side], effects, points[side], np.concatenate([np.empty(0), *shifts]))
-            )
-        self.products = _embedded(models, sum(len(pair[0].group.levels) for pair in common), one_c_e)
-        self.components = [pair[0] for pair in common]
-        self.components += [x for model in models for x in model.components[len(common) :]]
-        self.known = np.concatenate([model.known for model in models])
-        self.n = np.concatenate([model.n for model in models])
+    plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
+    common = _effects_of_groups([x.observations for x in plain], alike)
+    offsets = [_offsets(likelihood) for likelihood in likelihoods]
+    common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
+    models = []  # of each side: the common effects, its own, J and r
+    for side, has in enumerate(offsets):
+        effects = [pair[side] for pair in common] + [x for name, (x, _) in has.items() if name not in shared]
+        shifts = [
+            has[x.quantity][1] if x.quantity in has else _moved_specimens(likelihoods[side], x)
+            for x in effects
+        ]
+        models.append(LinearModel(plain[side], effects, points[side], np.concatenate([np.empty(0), *shifts])))
+    return RowProducts(
+        _embedded(models, sum(len(pair[0].group.levels) for pair in common), one_c_e),
+        np.concatenate([model.n for model in models]),
+        np.concatenate([model.known for model in models]),
+        [*(pair[0] for pair in common), *(x for model in models for x in model.components[len(common) :])],
+        n_fixed=3 if one_c_e else 4,
+    )
 
 
 def _embedded(models: Sequence[LinearModel], n_common: int, one_c_e: bool) -> list[Floats]:
@@ -261,9 +256,9 @@ def _fitted_jointly(
     c_e = np.geomspace(least, C_E_RANGE * least, _POINTS)[1:]
     common = float(np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))]))
 
-    def model_at(logs: Floats) -> JointModel:
+    def model_at(logs: Floats) -> RowProducts:
         both = [(float(c), float(a)) for c, a in np.exp(logs)]
-        return JointModel(likelihoods, both, shared, one_c_e, alike)
+        return joint_model(likelihoods, both, shared, one_c_e, alike)
 
     if one_c_e:  # linear in log alpha: the first step is the last
         logs[:, 0] = common
@@ -309,7 +304,7 @@ def _below_scatter(equations: MixedEquations) -> bool:
 
 
 def difference_of(equations: MixedEquations) -> MixedCalibration:
-    """The limits of the differences of log c_e and log alpha between the two sides of a `JointModel`."""
+    """The limits of the differences of log c_e and log alpha between the two sides of a `joint_model`."""
     fixed = equations.uncertainty()
     L = np.array(
         [[0.0, 0.0, 0.0], [0.0, -1.0, 1.0]]

@@ -205,6 +205,7 @@ def blocks_of(components: Sequence[Component]) -> list[slice]:
     return [slice(begin, end) for begin, end in itertools.pairwise(ends)]
 
 
+@dataclass(eq=False)
 class RowProducts:
     """Cross products of [Z, J, r] for each scatter, and whose columns they are."""
 
@@ -212,7 +213,7 @@ class RowProducts:
     n: Floats  # rows of each scatter
     known: NDArray[np.bool_]  # whether its size is
     components: Sequence[Component]
-    n_fixed = 2  # columns of J
+    n_fixed: int = 2  # columns of J
 
     @cached_property
     def blocks(self) -> list[slice]:
@@ -243,9 +244,7 @@ class LinearModel(RowProducts):
         point: tuple[float, float],
         shifts: Floats,
     ) -> None:
-        self.rows, self.components = likelihood.linear_rows(*point), components
-        self.known = np.array([rows.known for rows in self.rows])
-        self.n = np.array([float(rows.n) for rows in self.rows])
+        self.rows = likelihood.linear_rows(*point)
         residuals = [rows.r for rows in self.rows]
         self.slopes = {
             x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation or 0.0)
@@ -269,7 +268,12 @@ class LinearModel(RowProducts):
             ]
             Z = np.concatenate([np.empty((len(rows.r), 0)), *parts], axis=1)
             self.columns.append(np.column_stack([Z, rows.J, rows.r - Z @ shifts]))
-        self.products = [columns.T @ columns for columns in self.columns]
+        super().__init__(
+            [columns.T @ columns for columns in self.columns],
+            np.array([float(rows.n) for rows in self.rows]),
+            np.array([rows.known for rows in self.rows]),
+            components,
+        )
 
 
 def _places(group: Group, rows: LinearRows) -> Floats:

@@ -15,7 +15,7 @@ from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value, label_in_file
-from burrlab.comparing.paired import ERROR, JointModel, difference_of
+from burrlab.comparing.paired import ERROR, difference_of, joint_model
 from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.group_effects import deviation_text
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -352,7 +352,7 @@ def _power(
         shift = float(change @ np.linalg.solve(2 * limits.inflation * side.covariance, change))
         freedom = min(2 * limits.nu, 1e6)
         return 1 - float(special.ncfdtr(2.0, freedom, shift, float(special.fdtri(2, freedom, 1 - ERROR))))
-    pairs = JointModel([likelihood, likelihood], [point, (fit.c_e, fit.alpha * ratio)], ())
+    pairs = joint_model([likelihood, likelihood], [point, (fit.c_e, fit.alpha * ratio)], ())
 
     def calibration(difference2: float) -> MixedCalibration:
         """At a variance of the drills' difference."""

@@ -69,7 +69,9 @@ class NewData:
         )
 
 
-class _OneMoreLevel(RowProducts):
+def _one_more_level(
+    rows: RowProducts, slopes: Floats, n: int, weight: float, own_scatter: bool
+) -> RowProducts:
     """The rows of a fit near its best point, and one more row of a new day and specimen.
 
     The new row tells no offset. It counts for the first scatter, or has one of its own.
@@ -87,22 +89,22 @@ class _OneMoreLevel(RowProducts):
     own_scatter : bool
         Whether no other rows share its scatter.
     """
-
-    def __init__(self, rows: RowProducts, slopes: Floats, n: int, weight: float, own_scatter: bool) -> None:
-        ends, common = [rows.blocks[k].stop for k in rows.estimated], np.zeros(len(rows.products[0]) - 3)
-        level_slopes = [slopes[int(rows.components[k].quantity == "alpha")] for k in rows.estimated]
-        row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, level_slopes)
-        self.products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in rows.products]
-        self.products += [np.zeros_like(self.products[0])] * own_scatter
-        self.n = np.append(rows.n, np.zeros(int(own_scatter)))
-        self.known = np.append(rows.known, np.zeros(int(own_scatter), np.bool_))
-        at = -1 if own_scatter else 0
-        self.products[at] += weight * np.outer(row, row)
-        self.n[at] += n
-        self.components = [
-            replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in rows.estimated))))
-            for k, x in enumerate(rows.components)
-        ]
+    ends, common = [rows.blocks[k].stop for k in rows.estimated], np.zeros(len(rows.products[0]) - 3)
+    level_slopes = [slopes[int(rows.components[k].quantity == "alpha")] for k in rows.estimated]
+    row = np.insert(np.concatenate([common, slopes, [0.0]]), ends, level_slopes)
+    products = [np.insert(np.insert(G, ends, 0.0, axis=0), ends, 0.0, axis=1) for G in rows.products]
+    products += [np.zeros_like(products[0])] * own_scatter
+    numbers = np.append(rows.n, np.zeros(int(own_scatter)))
+    at = -1 if own_scatter else 0
+    products[at] += weight * np.outer(row, row)
+    numbers[at] += n
+    components = [
+        replace(x, group=replace(x.group, levels=(*x.group.levels, *[""] * (k in rows.estimated))))
+        for k, x in enumerate(rows.components)
+    ]
+    return RowProducts(
+        products, numbers, np.append(rows.known, np.zeros(int(own_scatter), np.bool_)), components
+    )
 
 
 def with_new_level(
@@ -120,7 +122,7 @@ def with_new_level(
     scatter2 = np.append(at.scatter2, [scatter**2 + MODEL_ERROR**2] * own_scatter)
     weight = n * scatter2[-1 if own_scatter else 0] / scatter**2
     new = MixedEquations(
-        _OneMoreLevel(likelihood.linear, slopes, n, weight, own_scatter), scatter2, at.effect2
+        _one_more_level(likelihood.linear, slopes, n, weight, own_scatter), scatter2, at.effect2
     ).uncertainty()
     return replace(new, monte_carlo=old.monte_carlo, inflation=old.inflation)
 

@@ -532,7 +532,7 @@ class _Side:
         self.base = float(self.walk.minus2[self.best])
         #: c_e [N/mm^2] at and above which every force of the rows has a window, or less where the data allow it
         near = float(self.walk.c_e[self.walk.minus2 <= self.base + reach[-1]].min())
-        self.lowest = max(self.domain.low, min(near, float(fit.observations.c_e_bounds().max())))
+        self.lowest = max(self.domain.low, min(near, fit.observations.c_e_floor))
         self.joint = self.calibration.threshold(None)
         self.variance = covariance_of(evidence.information) * (self.joint.inflation * self.wider)
         self.scatter2 = max(evidence.scatters[0].value, 1e-12) ** 2

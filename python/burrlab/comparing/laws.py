@@ -237,7 +237,7 @@ class LawLikelihood:
 
     def _walk(self, q: float, shape: Shape | None) -> Scan:
         o = replace(self.observations, force_exponent=q)
-        low, high = np.log(float(o.c_e_bounds().max())), np.log(o.ceiling)
+        low, high = np.log(o.c_e_floor), np.log(o.ceiling)
         orders = _K if shape is None else np.array([shape.order])
         if high - low < _NO_ROOM:  # an overloaded run leaves the windows no c_e
             nothing = np.full((len(orders), 1), np.inf)

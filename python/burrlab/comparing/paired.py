@@ -249,10 +249,10 @@ def _fitted_jointly(
     rise of the rows' squares where both are 0.
     """  # fmt: skip
     logs = np.log(np.array(points))
-    hard = np.array([x.observations.c_e_bounds().max() for x in likelihoods])
+    hard = np.array([x.observations.c_e_floor for x in likelihoods])
     # where each row of both has a window
     plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
-    least = max(*hard, *(x.observations.c_e_bounds().max() for x in plain))
+    least = max(*hard, *(x.observations.c_e_floor for x in plain))
     c_e = np.geomspace(least, C_E_RANGE * least, _POINTS)[1:]
     common = float(np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))]))
 

@@ -238,8 +238,7 @@ def given_values(
     rise = float(likelihood.at(c_e).minus2(alpha)[0]) - base
     o, p = likelihood.observations, 0.0
     if np.isnan(rise):
-        force = o.force[np.argmax(o.c_e_bounds())]
-        rise, ending = np.inf, f"is excluded: at {force:.4g} N there would have been no window."
+        rise, ending = np.inf, f"is excluded: at {o.bounding_force:.4g} N there would have been no window."
     elif c_e > o.ceiling:
         rise, ending = np.inf, "is excluded: the overloaded run would have had a window."
     else:
@@ -737,7 +736,7 @@ def plausibility(
 
     def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:
         """Of the best point in the range, for data whose forces and velocities carry these factors."""
-        low = max(c_e[0] * force / wider, float(o.c_e_bounds().max()) * (1 + 1e-4))
+        low = max(c_e[0] * force / wider, o.c_e_floor * (1 + 1e-4))
         high = min(c_e[1] * force * wider, o.ceiling * (1 - 1e-4))
         if low >= high:
             return 0.0

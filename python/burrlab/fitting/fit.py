@@ -619,7 +619,7 @@ def _weighed(
         better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
     likely = None if plausible is None else plausibility(
         likelihood, calibration, profiled.base, best, plausible,
-        not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max()))),
+        not (fits.poor or at_windows(intervals["c_e"]["95"], o.c_e_floor)),
     )  # fmt: skip
     rows = influence(likelihood, best, data, bounds, every=False)
     mixed = MixedEvidence.of(likelihood, best) if isinstance(likelihood, MixedLikelihood) else None

@@ -231,7 +231,7 @@ class Likelihood:
         Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
         """
         steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
-        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
+        hard = self.observations.c_e_floor * (1 + 1e-9)  # of the windows
         stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
         around = self.residuals(stiffness, alpha)
         if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window

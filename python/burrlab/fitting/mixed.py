@@ -97,7 +97,7 @@ def at_best_variances(
                 shifts[block] = np.clip(effects[block], least, most)
         moved = moved_by(likelihood, components, shifts)
         # the best offset may have moved the bound
-        low = float(moved.observations.c_e_bounds().max()) * (1 + EDGE)
+        low = moved.observations.c_e_floor * (1 + EDGE)
         if place[0] < low:
             place = low, place[1] * (low / place[0]) ** likelihood.model.law.ridge_exponent
         equations = reml(LinearModel(moved, components, place, shifts), mixed.equations)
@@ -147,7 +147,7 @@ def _stepped(
     """
     moved = moved_by(likelihood, components, shifts)
     if moved is not likelihood:
-        eased = float(moved.observations.c_e_bounds().max() / likelihood.observations.c_e_bounds().max())
+        eased = moved.observations.c_e_floor / likelihood.observations.c_e_floor
         c_e, point = (c_e[0] * eased, c_e[1] * eased), (point[0] * eased, point[1])
     if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
         # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
@@ -174,7 +174,7 @@ def _stepped(
         beside = np.maximum(beside, EDGE * np.ceil(lowest / EDGE))
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
-            hard = float(moved.observations.c_e_bounds().max())
+            hard = moved.observations.c_e_floor
             c_e = max(bottom, hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
             point = float(np.clip(point[0], *c_e)), point[1]
         elif np.abs(np.log(np.divide(point, before))).max() < _CLOSE:
@@ -295,20 +295,19 @@ class MixedLikelihood(Likelihood):
         self.uneven = bool(model.slopes) or bool(self._of_specimen.any())
         if self.n_parts > 1 or self._of_specimen.any():  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
-            eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
-            eased = float(eased) * (_BELOW if self._of_specimen.any() else 1.0)
+            eased = min(o.c_e_floor for o in rows) / self.observations.c_e_floor
+            eased *= _BELOW if self._of_specimen.any() else 1.0
             self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
 
     def with_windows(self, box: Box) -> Box:
         """The part of a box where each row has a window; specimens keep windows by c_e of their own."""
         bound = self.n_parts == 1 and (self.of_no_law or not self._of_specimen.any())
-        hard = float(self.plain.observations.c_e_bounds().max()) * (1 + EDGE) if bound else 0.0
+        hard = self.plain.observations.c_e_floor * (1 + EDGE) if bound else 0.0
         return Box((max(box.lower[0], hard), box.lower[1]), (max(box.upper[0], hard), box.upper[1]))
 
     def near(self, point: tuple[float, float]) -> bool:
         """Whether rows are linear close to a point and have windows there, or no better place is to be expected."""
-        hard = float(self.plain.observations.c_e_bounds().max())
-        close = abs(np.log(point[0] / self.point[0])) < _FAR and point[0] > hard
+        close = abs(np.log(point[0] / self.point[0])) < _FAR and point[0] > self.plain.observations.c_e_floor
         return close or self.n_parts > 1 or self.of_no_law or self.model.of_voxels
 
     @property
@@ -439,7 +438,7 @@ class MixedLikelihood(Likelihood):
         if not self._of_specimen.any():
             return self._settled(stiffness, part, part.shifts + np.zeros((len(stiffness), 1)))
         if id(part) not in self._paths:
-            low = float(self.observations.c_e_bounds().max())
+            low = self.observations.c_e_floor
             path = np.geomspace(low, low * C_E_RANGE, _PATH)
             followed = self._follow * np.log(path / self.point[0])[:, None] * self._of_specimen
             self._paths[id(part)] = np.log(path), self._settled(path, part, part.shifts - followed)[1]
@@ -540,7 +539,7 @@ class MixedLikelihood(Likelihood):
         rows = [other.observations for other in around]
         kinks = np.concatenate([o.ridge_entries() for o in rows])
         if self.n_parts > 1:
-            floors = [o.c_e_bounds().max() * (1 + 1e-6) for o in rows]
+            floors = [o.c_e_floor * (1 + 1e-6) for o in rows]
             kinks = np.array(
                 [*kinks, *floors, *(o.ceiling * (1 - 1e-6) for o in rows if np.isfinite(o.ceiling))]
             )
@@ -570,9 +569,9 @@ class MixedLikelihood(Likelihood):
         part = self._parts[int(np.argmin(slices.A[0] + slices.B[0] * (np.log(point[1]) - slices.m[0]) ** 2))]
         apart = np.abs(self._parts[-1].by - self._parts[self.n_parts // 2].by) / max(self.n_parts // 2, 1)
         near = (np.abs(part.by - self.shifts) <= apart * (1 + 1e-9)).all()
-        if self.n_parts == 1 or (near and point[0] > float(self.plain.observations.c_e_bounds().max())):
+        if self.n_parts == 1 or (near and point[0] > self.plain.observations.c_e_floor):
             return self
-        low = float(part.likelihood.observations.c_e_bounds().max()) * (1 + EDGE)
+        low = part.likelihood.observations.c_e_floor * (1 + EDGE)
         if point[0] < low:  # columns are taken where each row has a window
             point = low, point[1] * (low / point[0]) ** self.model.law.ridge_exponent
         return MixedLikelihood(
@@ -609,15 +608,14 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         rises = []
         for name, value, deviation in self.beliefs:
-            rows = moved_by(self.plain, self.components, -self.shifts)
+            o = moved_by(self.plain, self.components, -self.shifts).observations
             alone = Likelihood(
-                rows.observations,
+                o,
                 self.kind,
-                MeanFieldModel(rows.observations, self.model.shape),
+                MeanFieldModel(o, self.model.shape),
                 tuple(other for other in self.beliefs if other[0] != name),
             )
-            hard = float(rows.observations.c_e_bounds().max())
-            ends = (hard * (1 + EDGE), hard * C_E_RANGE)
+            ends = (o.c_e_floor * (1 + EDGE), o.c_e_floor * C_E_RANGE)
             near = value * np.exp(deviation * np.linspace(-6, 6, 121))
             places = np.geomspace(*ends, 400)
             first = alone.at(places)
@@ -647,7 +645,7 @@ class MixedLikelihood(Likelihood):
         model, n = self.linear, len(self._single)
         if n and {x.quantity for x in self.components} <= {"alpha"} and not self.model.of_voxels:
             # days that are parameters can put c_e far from the fit, which draws them together
-            hard, columns = float(self.plain.observations.c_e_bounds().max()), model.columns[0][:n]
+            hard, columns = self.plain.observations.c_e_floor, model.columns[0][:n]
             c_e_walk = np.geomspace(hard * (1 + EDGE), hard * C_E_RANGE, _PLACES)
             basis = scipy.linalg.orth(np.delete(columns, (-3, -1), axis=1))
             walked = self.plain.residuals(c_e_walk, 1.0)[0][2][:, :n]
@@ -706,7 +704,7 @@ def against_indentation(likelihood: Likelihood, point: tuple[float, float]) -> l
     pressed = Group("indentation", ("1",), np.full(len(o.force), -1), np.zeros(len(o.pressed), np.intp))
 
     rows = Likelihood(o, "log-sigma" if kind == "sigma" else kind, MeanFieldModel(o, plain.model.shape))
-    hard, by_indentation = float(o.c_e_bounds().max()), float(np.exp(np.mean(np.log(by_row))))
+    hard, by_indentation = o.c_e_floor, float(np.exp(np.mean(np.log(by_row))))
     ends = hard * (_BELOW if any(x.random_c_e for x in components) else 1 + EDGE), hard * C_E_RANGE
     apart, (c_e, _) = at_best_variances(
         rows,

@@ -183,12 +183,10 @@ class Observations:
             len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]),
             "an indentation without sigma needs two pairs or more, to show its scatter: got one in all",
         )
-        floors = self.c_e_bounds()
-        row = int(np.argmax(floors))
         refuse(
-            floors[row] >= self.ceiling,
-            f"the data contradict one another: the window at {self.force[row]:g} N needs c_e > "
-            f"{floors[row]:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2",
+            self.c_e_floor >= self.ceiling,
+            f"the data contradict one another: the window at {self.bounding_force:g} N needs c_e > "
+            f"{self.c_e_floor:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2",
         )
         return self
 
@@ -345,6 +343,16 @@ class Observations:
         return self.eased * _static_c_e(self.force, self.window_end, self.radius, self.force_exponent)
 
     @property
+    def c_e_floor(self) -> float:
+        """Lower bound of c_e [N/mm^2] that all windows together imply."""
+        return float(self.c_e_bounds().max())
+
+    @property
+    def bounding_force(self) -> float:
+        """Force [N] of the row whose window sets that bound."""
+        return float(self.force[np.argmax(self.c_e_bounds())])
+
+    @property
     def ceiling(self) -> float:
         """Upper bound of c_e [N/mm^2] that the overloaded rows imply."""
         F, end, R = self.overloaded
@@ -442,7 +450,7 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
     ValueError
         If a bound leaves no room.
     """
-    hard = float(observations.c_e_bounds().max()) * (1 + _MARGIN)
+    hard = observations.c_e_floor * (1 + _MARGIN)
     ceiling = observations.ceiling * (1 - _MARGIN)
 
     box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
@@ -450,8 +458,7 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
         low, high = map(float, pair)
         refuse(
             name == "c_e" and high <= hard,
-            f"c_e is bounded at {high:g} N/mm^2, but the window at "
-            f"{observations.force[np.argmax(observations.c_e_bounds())]:g} N "
+            f"c_e is bounded at {high:g} N/mm^2, but the window at {observations.bounding_force:g} N "
             f"needs c_e > {hard:g} N/mm^2",
         )
         refuse(

@@ -209,7 +209,7 @@ class Domain:
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
         if "c_e" in bounds:
-            low_hard = low <= float(o.c_e_bounds().max()) * (1 + 2e-4)
+            low_hard = low <= o.c_e_floor * (1 + 2e-4)
             high_hard = high >= o.ceiling * (1 - 2e-4)
         else:
             high = (

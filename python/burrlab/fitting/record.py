@@ -125,7 +125,7 @@ class FitRecord(InJson):
     @property
     def _window_bound(self) -> float:
         """The bound of c_e that windows set [N/mm^2], as far as offsets and specimens of their own leave it."""
-        return float(self.likelihood.observations.c_e_bounds().max())
+        return self.likelihood.observations.c_e_floor
 
     @property
     def verdict(self) -> str:

@@ -141,7 +141,7 @@ def repairs(
     def weigh(what: str, other: Likelihood, offset: Sequence[Component] = ()) -> None:
         """Add the best fit of another likelihood, with one more offset."""
         components = (*present, *offset)
-        if other.observations.c_e_bounds().max() >= other.observations.ceiling:
+        if other.observations.c_e_floor >= other.observations.ceiling:
             return
         end: Point | None = point
         if components:

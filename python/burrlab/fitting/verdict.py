@@ -121,11 +121,9 @@ def bound_reached(observations: Observations, box: Box, end: tuple[float, float]
     ):
         side = "lower" if value < low * (1 + _AT_BOUND) else "upper" if value > high * (1 - _AT_BOUND) else ""
         if side:
-            hard = observations.c_e_bounds()
-            row = int(np.argmax(hard))
             why = ""
-            if name == "c_e" and side == "lower" and low <= hard[row] * (1 + _AT_BOUND):
-                why = f", below which the run at {observations.force[row]:g} N would have had no window"
+            if name == "c_e" and side == "lower" and low <= observations.c_e_floor * (1 + _AT_BOUND):
+                why = f", below which the run at {observations.bounding_force:g} N would have had no window"
             if name == "c_e" and side == "upper" and high >= observations.ceiling * (1 - _AT_BOUND):
                 why = ", above which an overloaded run would have had a window"
             return f"{name} ended at its {side} bound of {low if side == 'lower' else high:.4g} {unit}{why}."
@@ -171,8 +169,7 @@ def sentence(
 ) -> str:
     """The verdict in plain words, at 95 %."""
     rows = f"these {len(o)} points ({o.recorded_force.min():.3g} to {o.recorded_force.max():.3g} N)"
-    windows = float(o.c_e_bounds().max())
-    why = obstacle(c_e, alpha, windows, status)
+    why = obstacle(c_e, alpha, o.c_e_floor, status)
     if why in _UNFIT.values():
         return f"c_e and alpha are not separately identified: {why}."
     if not why:
@@ -185,7 +182,7 @@ def sentence(
     return (
         f"c_e and alpha are not separately identified: {rows} determine alpha/c_e^{identified.exponent:.3g} "
         f"{known}, {contrast} {within(c_e)} (95 %)"
-        f"{', where a window sets the lower end' if at_windows(c_e, windows) else ''}."
+        f"{', where a window sets the lower end' if at_windows(c_e, o.c_e_floor) else ''}."
     )
 
 

@@ -408,7 +408,7 @@ def _judged(likelihood: Likelihood, domain: Domain, item: CoverageItem) -> Float
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - evidence.base, float(at.minus2(item.alpha)[0]) - evidence.base]
     c_e, alpha = (evidence.intervals[name]["95"] for name in ("c_e", "alpha"))
-    apart = not obstacle(c_e, alpha, float(o.c_e_bounds().max()))
+    apart = not obstacle(c_e, alpha, o.c_e_floor)
     return np.concatenate(
         [np.ravel(ends), [evidence.identified.exponent], rises, [*evidence.joint.values()], [apart]]
     )

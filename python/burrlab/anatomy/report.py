@@ -1,6 +1,5 @@
 """Reports on burrs near critical structures: distance, time and force, and the tissues removed."""
 
-import html
 import itertools
 import math
 from collections import Counter
@@ -16,6 +15,7 @@ from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
 from burrlab.common.figures import VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.records import AsDict, Codec
+from burrlab.common.table import ReportInHtml
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].
 WITHIN: tuple[float, ...] = tuple(dose_edges)
@@ -116,7 +116,7 @@ SHOWN = 5
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class AnatomyReport(AsDict):
+class AnatomyReport(ReportInHtml, AsDict):
     """Report on burrs near critical structures, and on the tissues removed. Made by `anatomy_report`.
 
     Attributes
@@ -279,9 +279,6 @@ class AnatomyReport(AsDict):
     def __repr__(self) -> str:
         near = ", ".join(f"{name} {d:.3g} mm" for name, d in self.closest.items())
         return f"AnatomyReport({near or 'nothing watched'}; {len(self.watched.events)} events)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
     def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:

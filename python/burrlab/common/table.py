@@ -682,8 +682,30 @@ def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
     def cell(value: object) -> str:
         return str(value) if not isinstance(value, float) else "" if math.isnan(value) else f"{value:.5g}"
 
-    cells = [("", name, list(map(cell, values))) for name, values in columns.items()]
-    return f"<p>{html.escape(title)}</p>{table_html(cells)}"
+    rows = (list(map(cell, row)) for row in zip(*columns.values(), strict=True))
+    return f"<p>{html.escape(title)}</p>{html_rows([list(columns), *rows])}"
+
+
+def html_rows(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells, the heads first, as a table of HTML."""
+    heads = "".join(f"<th>{html.escape(cell)}</th>" for cell in rows[0])
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows[1:]
+    )
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def html_pairs(pairs: Mapping[str, object]) -> str:
+    """Names with their values, a row each, as a table of HTML."""
+    rows = (f"<th>{html.escape(name)}</th><td>{html.escape(str(x))}</td>" for name, x in pairs.items())
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+
+class ReportInHtml:
+    """Base of results that a notebook shows as the text of their `report`, or of `str`."""
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(getattr(self, 'report', self.__str__)())}</pre>"
 
 
 def data_label(source: str) -> str:
@@ -757,18 +779,6 @@ def _groups(columns: Sequence[ReportColumn]) -> list[list[int]]:
     """Places of the columns of each group; a column without one stands alone."""
     by_group = itertools.groupby(range(len(columns)), key=lambda place: columns[place][0] or place)
     return [list(places) for _, places in by_group]
-
-
-def table_html(columns: Sequence[ReportColumn]) -> str:
-    """HTML of a table, for notebooks."""
-    heads = "".join(
-        f"<th>{html.escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns
-    )
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in zip(*(cells for *_, cells in columns), strict=True)
-    )
-    return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def two_decimals(value: float) -> str:

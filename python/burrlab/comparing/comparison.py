@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from itertools import combinations
 from typing import Any
 
@@ -15,7 +14,7 @@ from burrlab.common.check import check_same_length, refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, Axes, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
-from burrlab.common.table import Tabulated, by_value, holm, probability_text
+from burrlab.common.table import ReportInHtml, Tabulated, by_value, holm, probability_text
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold, covariance_of
 from burrlab.fitting.diagnostics import HypothesisTest, concluded
@@ -108,7 +107,7 @@ class ComparedPair:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(InJson, Tabulated):
+class Comparison(ReportInHtml, InJson, Tabulated):
     """Data sets compared two by two. Made by `burrlab.compare`."""
 
     sets: tuple[ComparedSet, ...]
@@ -154,9 +153,6 @@ class Comparison(InJson, Tabulated):
         names = ", ".join(data_set.name for data_set in self.sets)
         differ = sum(pair.differ for pair in self.pairs)
         return f"Comparison({names}: {differ} of {len(self.pairs)} pairs differ)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """Verdict, tables and sentences as text."""

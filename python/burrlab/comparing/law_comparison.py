@@ -20,12 +20,12 @@ from burrlab.common.figures import (
     styled,
 )
 from burrlab.common.records import Codec
-from burrlab.common.table import Tabulated, probability_text
+from burrlab.common.table import Tabulated, html_rows, probability_text
 from burrlab.fitting.diagnostics import POOR, HypothesisTest, coarse_rounding
 from burrlab.fitting.linear import components_of
 from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import ConfidenceInterval, plain_ends
-from burrlab.fitting.report import columns, html_list, html_table, in_blocks
+from burrlab.fitting.report import columns, html_list, in_blocks
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import at_windows, span
 from burrlab.theory.continuum import Law
@@ -390,7 +390,7 @@ class LawComparison(Tabulated):
         return "\n".join(columns(self._cells()))
 
     def _repr_html_(self) -> str:
-        return html_table(self._cells()) + html_list(self.sentences)
+        return html_rows(self._cells()) + html_list(self.sentences)
 
 
 _AXES = {

@@ -16,7 +16,7 @@ from burrlab.common.check import content_of, refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Axes, Panels, drawing, panels, styled
 from burrlab.common.files import write_text
 from burrlab.common.records import AsDict, Codec, parsed
-from burrlab.common.table import Tabular, by_value
+from burrlab.common.table import Tabular, by_value, html_pairs
 from burrlab.theory.closed_forms import (
     FEWEST_TICKS,
     Array,
@@ -203,12 +203,7 @@ class Descent(AsDict, Tabular):
         return [top, middle, bottom]
 
     def _repr_html_(self) -> str:
-        rows = (
-            f"<tr><th>{key}</th><td>{value}</td></tr>"
-            for key, value in self.to_dict().items()
-            if key != "provenance"
-        )
-        return f"<table>{''.join(rows)}</table>"
+        return html_pairs({key: value for key, value in self.to_dict().items() if key != "provenance"})
 
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import burrlab.fitting.verdict as verdict
+from burrlab.common.table import html_pairs, html_rows
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests, restarting
 from burrlab.fitting.group_effects import of_groups_alone
@@ -50,11 +51,10 @@ def html(fit: FitRecord) -> str:
     parts = [
         f"<p><b>{escape(repr(fit))}</b></p>",
         f"<p>{escape(fit.verdict)}</p>",
-        html_table([_HEADS, *variable_rows(fit)]),
+        html_rows([_HEADS, *variable_rows(fit)]),
+        html_pairs(identification(fit)),
+        html_pairs(statistics(fit)),
     ]
-    for pairs in (identification(fit), statistics(fit)):
-        lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
-        parts.append(f"<table>{''.join(lines)}</table>")
     table = escape("\n".join(starts(fit)))
     return f"{''.join(parts)}{html_list(notes(fit))}<details><summary>starts</summary><pre>{table}</pre></details>"
 
@@ -68,15 +68,6 @@ def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of cells as lines of text, the columns aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def html_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells, the heads first, as a table of HTML."""
-    tags = ["th", *["td"] * (len(rows) - 1)]
-    lines = (
-        "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) for tag, row in zip(tags, rows, strict=True)
-    )
-    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def statistics(fit: FitRecord) -> dict[str, str]:

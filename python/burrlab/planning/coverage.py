@@ -18,13 +18,14 @@ from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress
 from burrlab.common.provenance import provenance
 from burrlab.common.study import LATER, StorePath, stored_as
+from burrlab.common.table import html_rows
 from burrlab.fitting.bootstrap import redrawn_effects, run_fits
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import check_offsets, components_of
 from burrlab.fitting.mixed import MixedLikelihood, fitted_again
 from burrlab.fitting.observations import Data, Floats, Observations
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
-from burrlab.fitting.report import columns, html_table
+from burrlab.fitting.report import columns
 from burrlab.fitting.verdict import obstacle
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, WINDOW_STOP, Law
@@ -288,7 +289,7 @@ class Coverage:
 
     def _repr_html_(self) -> str:
         return (
-            f"<p><b>{escape(self._head())}</b></p>{html_table(self.rows())}"
+            f"<p><b>{escape(self._head())}</b></p>{html_rows(self.rows())}"
             f"<p>separately identified: {escape(str(self.separately_identified))}</p>"
         )
 

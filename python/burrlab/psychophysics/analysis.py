@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 from typing import IO, Any, ClassVar, Self, TypeAlias, cast
 
@@ -18,6 +17,7 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import (
     NOTHING,
     ReportColumn,
+    ReportInHtml,
     interval_text,
     json_mapping,
     p_text,
@@ -260,7 +260,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Analysis(InJson):
+class Analysis(ReportInHtml, InJson):
     """The results of an experiment, made by `analyse`.
 
     Attributes
@@ -407,9 +407,6 @@ class Analysis(InJson):
         kind = "simulated subjects, " * self.simulated
         tasks = ", ".join(f"{task.name} (n = {len(task.subjects)})" for task in self.tasks)
         return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.report())}</pre>"
 
 
 def _apart(task: ThresholdTask, tasks: Collection[Task]) -> str:

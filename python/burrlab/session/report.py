@@ -1,6 +1,5 @@
 """The report of a session: its counts and times, during and after it."""
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.figures import FORCE, REFERENCE, Axes, Panels, drawing, panels
 from burrlab.common.records import Codec
+from burrlab.common.table import ReportInHtml
 from burrlab.session.devices import DeviceLimits
 from burrlab.session.recorder import TraceWriter
 
@@ -25,7 +25,7 @@ _NAMES = {
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SessionReport:
+class SessionReport(ReportInHtml):
     """A session's counts and times at one moment; `to_dict` has it for JSON.
 
     Attributes
@@ -179,9 +179,6 @@ class SessionReport:
 
     def __repr__(self) -> str:
         return f"SessionReport({self.state}, {self.ticks} ticks, {self.late} late, {self.dropped} periods dropped)"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:

@@ -1,6 +1,5 @@
 """The trace of a session, made and read: an HDF5 file whose structure is complete before the first tick."""
 
-import html
 import json
 import os
 import re
@@ -32,7 +31,7 @@ from burrlab.common.files import attributes, new_hdf5, put_attributes
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
 from burrlab.common.records import in_one_line
-from burrlab.common.table import dataframe
+from burrlab.common.table import dataframe, html_pairs
 
 if TYPE_CHECKING:
     import h5py
@@ -429,18 +428,14 @@ class Trace:
         )
 
     def _repr_html_(self) -> str:
-        rows = {
+        return html_pairs({
             "file": self.path.name, "ticks": len(self), "first tick": self.first_tick,
             "duration [s]": f"{self.duration:.3f}", "period [ms]": f"{self.period:g}", "seed": self.seed,
             "tools": ", ".join(f"R = {b.radius:g} mm in {m.name}" for b, m in self.tools),
             "devices": ", ".join(self.devices), "digests": len(self.digests),
             "initial digest": self.initial_digest, "ended": self.ended, "complete": self.complete,
             **self.provenance,
-        }  # fmt: skip
-        body = "".join(
-            f"<tr><th>{key}</th><td>{html.escape(str(value))}</td></tr>" for key, value in rows.items()
-        )
-        return f"<table>{body}</table>"
+        })  # fmt: skip
 
 
 def check_trace(trace: Trace) -> None:

@@ -334,21 +334,16 @@ def _stored(
         f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first",
     )
     kind = np.dtype(f"{order}{'i' if short_of(attributes, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
-    scale = [1.0, 0.0]
-    with contextlib.suppress(ValueError):
-        scale = [
-            float(text_of(attributes, f"Rescale{key}") or scale[k])
-            for k, key in enumerate(("Slope", "Intercept"))
-        ]
+    # `read_dicom` has read the slice: its scale is of finite numbers, and its pixels are whole.
+    scale = [
+        float(text_of(attributes, f"Rescale{key}") or usual)
+        for key, usual in (("Slope", 1.0), ("Intercept", 0.0))
+    ]
     for slope, inter in (scale, (1.0, 0.0)):  # the reader ignores the scale of some kinds of images
-        if slope == 0 or not (math.isfinite(slope) and math.isfinite(inter)):
-            continue
         if is_packed(attributes):
             stored = np.rint((plane.astype(np.float64) - inter) / slope).astype(kind)
         else:
             content = attributes.get_item("PixelData").value
-            if len(content) < plane.size * kind.itemsize:
-                break
             stored = np.frombuffer(content, kind, plane.size).reshape(plane.shape).copy()
         spare = whole - used  # the unused upper bits may hold anything
         again = ((stored << spare) >> spare) * slope + inter

@@ -250,21 +250,17 @@ def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
         if at.encoding == "raw":
             return first_bytes(file, size, False, name)[0]
         text = file.read(64 * size // at.kind.itemsize)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            if at.encoding == "hex":
-                return np.frombuffer(bytes.fromhex(text.decode("latin-1")), np.uint8)
-            wide = np.dtype(np.int64) if at.kind.kind in "iu" and at.kind.itemsize < 8 else at.kind
-            stored = np.fromstring(text.replace(b",", b" "), wide, sep=" ")
-            count, numbers = size // at.kind.itemsize, stored.astype(at.kind)
-            refuse(len(stored) > count, f"{len(stored)} numbers stand for {count}")
-            refuse(at.kind.kind in "iu" and (numbers != stored).any(), f"one is beyond {at.kind}")
-            return numbers.view(np.uint8)
-    except (ValueError, DeprecationWarning) as error:
-        raise ValueError(
-            f"{name}: the values are cut short, or not the numbers of the header ({error})"
-        ) from None
+    before = f"{name}: the values are cut short, or not the numbers of the header ("
+    with amend_error(before, ")", (ValueError, DeprecationWarning)), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if at.encoding == "hex":
+            return np.frombuffer(bytes.fromhex(text.decode("latin-1")), np.uint8)
+        wide = np.dtype(np.int64) if at.kind.kind in "iu" and at.kind.itemsize < 8 else at.kind
+        stored = np.fromstring(text.replace(b",", b" "), wide, sep=" ")
+        count, numbers = size // at.kind.itemsize, stored.astype(at.kind)
+        refuse(len(stored) > count, f"{len(stored)} numbers stand for {count}")
+        refuse(at.kind.kind in "iu" and (numbers != stored).any(), f"one is beyond {at.kind}")
+        return numbers.view(np.uint8)
 
 
 @doing("writing a volume")

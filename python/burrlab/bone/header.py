@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab.bone.image import Array, LabelVolume, Volume, point_text
 from burrlab.bone.specimen import checked_spacing
-from burrlab.common.check import extra, refuse, shown
+from burrlab.common.check import amend_error, extra, refuse, shown
 
 Choice = TypeVar("Choice")
 #: Spacing, origin, direction, and notes on what is assumed.
@@ -572,11 +572,12 @@ def _is_packed(path: str) -> bool:
 
 def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
     """Fields of version 1 or 2, byte order, and whether the values are in a file of their own."""
-    try:
-        with gzip.open(path) if _is_packed(path) else open(path, "rb") as file:
-            content = file.read(540)
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
+    damaged = f"{name}: the compressed data is cut short or damaged ("
+    with (
+        amend_error(damaged, ")", (EOFError, gzip.BadGzipFile, zlib.error)),
+        gzip.open(path) if _is_packed(path) else open(path, "rb") as file,
+    ):
+        content = file.read(540)
     refuse(len(content) < 348, f"{name}: the file is too short for a NIfTI header")
     for order in "<>":
         (size,) = struct.unpack(order + "i", content[:4])

@@ -158,10 +158,8 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
     stream, chunk = zlib.decompressobj(32 + zlib.MAX_WBITS), b""
     while len(rest) <= _BEHIND:
         chunk = chunk or file.read(1 << 18)
-        try:
+        with amend_error(f"{name}: the compressed data is cut short or damaged (", ")", (zlib.error,)):
             piece = stream.decompress(chunk, 1 << 22)
-        except zlib.error as error:
-            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from None
         count = min(len(piece), size - have)
         values[have : have + count] = np.frombuffer(piece, np.uint8, count)
         have, rest = have + count, rest + piece[count:]

@@ -13,7 +13,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import amend_error, refuse, shown
 from burrlab.common.table import (
     ERROR_VALUE,
     Column,
@@ -216,10 +216,8 @@ class TableLayout:
                 f"got {shown(number)}",
             )
             numbers[name] = number if noted is None else noted
-        try:
+        with amend_error(f"{self.name}: " if self.name else ""):
             data_set = kind(**self.columns, **{"groups": self.groups} | source | numbers)
-        except ValueError as error:
-            raise ValueError(f"{self.name}: {error}" if self.name else str(error)) from None
         object.__setattr__(data_set, "others", {name: tuple(texts) for name, texts in self.others.items()})
         return data_set
 

@@ -319,14 +319,14 @@ class Likelihood:
         `own` is ln c_e of velocity rows and pressed rows over c_e, each of shape (len(c_e), rows).
         """
         unit, o = self.model.unit(c_e, *(own or ())[:1]), self.observations
-        pressed = o.pressed_residuals(c_e, self.pressed_known, *(own or ())[1:])
-        tables = [
-            ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
-            ("segments", False, self.within_residuals(unit), self.n_within),
-            ("force", self.pressed_known, pressed, len(o.pressed)),
-            ("known", True, self._belief_residuals(c_e, alpha), len(self.beliefs)),
-        ]
-        return [table for table in tables if table[3]]
+        tables: list[tuple[str, bool, int, Callable[[], Floats]]] = [
+            ("velocity", self.known, self.n, lambda: self.velocity_residuals(unit, alpha)),
+            ("segments", False, self.n_within, lambda: self.within_residuals(unit)),
+            ("force", self.pressed_known, len(o.pressed),
+             lambda: o.pressed_residuals(c_e, self.pressed_known, *(own or ())[1:])),
+            ("known", True, len(self.beliefs), lambda: self._belief_residuals(c_e, alpha)),
+        ]  # fmt: skip
+        return [(name, known, residuals(), n) for name, known, n, residuals in tables if n]
 
     def _belief_residuals(self, c_e: ArrayLike, alpha: float) -> Floats:
         stiffness = np.asarray(c_e, dtype=np.float64)

@@ -560,8 +560,9 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             -unit * (np.linalg.pinv(scaled, rcond=_APART, hermitian=True) @ (unit * score[moves])) / 2
         )
         # on a ridge rounding shakes the criterion by 1e-2: there the slope along the step tells whether it is too long
-        close = bool((np.abs(step) < _CLOSE * sizes).all())
-        for part in 0.5 ** np.arange(20):
+        close = bool((np.abs(step) <= _CLOSE * sizes).all())
+        parts, shortest = 0.5 ** np.arange(20), _SHORT * sizes[moves].max(initial=0.0)
+        for part in parts[parts * np.abs(step).max() > shortest]:
             scatter2, effect2 = last.scatter2.copy(), last.effect2.copy()
             scatter2[free] = np.maximum(scatter2[free] + part * step[: len(free)], MODEL_ERROR**2)
             effect2[estimated] += part * step[len(free) :]
@@ -574,6 +575,6 @@ def _scored(equations: MixedEquations, below: NDArray[np.bool_] | None = None) -
             if nearer and (below is None or trial.definite):
                 equations = trial
                 break
-        if equations is last or np.abs(step[moves]).max() < _SHORT * sizes[moves].max():
+        if equations is last:
             break
     return equations

@@ -114,8 +114,9 @@ class TestVariances:
         random, forces = np.random.default_rng(3), np.geomspace(0.4, 2.4, 6)
         scatter = [random.permutation([0.06, -0.06, 0.03, -0.03, 0.07, -0.07]) for _ in range(4)]
         v = np.tile(burrlab.Law().velocity(forces, 2.1, 0.09, 3.0), 4) * np.exp(np.ravel(scatter))
-        days = {"day": np.repeat(["a", "b", "c", "d"], 6).tolist()}
-        (effect,) = burrlab.fit(burrlab.VelocityCurve(np.tile(forces, 4), v, radius=3.0, groups=days)).effects
+        (effect,) = burrlab.fit(
+            VelocityCurve(np.tile(forces, 4), v, radius=3.0, groups={"day": np.repeat(list("abcd"), 6)})
+        ).effects
         widest = np.std(scatter) * np.sqrt((0.025 ** (-2 / 3) - 1) / 6)  # the pivot above 0, of 3 and 6 rows
         assert (effect.deviation, effect.interval.lower) == (0, 0)
         assert effect.interval.upper == pytest.approx(widest, rel=0.1)
@@ -265,8 +266,9 @@ class TestOffsets:
         error = float(direction @ fit.likelihood.equations.M[-2:, -2:] @ direction) ** 0.5
         width = np.log(fit.identified.intervals["95"].ratio())
         assert width == pytest.approx(2 * 1.96 * error, rel=0.03)
-        calibration = burrlab.Fit.from_dict(fit.to_dict()).evidence.calibration
-        assert calibration.limit(0.95) == pytest.approx(5.99, abs=0.01)
+        assert burrlab.Fit.from_dict(fit.to_dict()).evidence.calibration.limit(0.95) == pytest.approx(
+            5.99, abs=0.01
+        )
         assert burrlab.design(fit, 3.0, 3.0, 3, scatter=0.05, seed=1).best.area_ratio < 1
 
     def test_a_radius_that_moves_no_bound(self):
@@ -281,10 +283,12 @@ class TestOffsets:
         random = np.random.default_rng(8)
         force = np.sort(random.uniform(0.2, 2.0, 17))
         v = burrlab.penetration_velocity(BURR, BONE, force) * np.exp(0.2 * random.normal(size=17))
-        specimen = random.integers(0, 4, 17).tolist()
-        curve = VelocityCurve(force, v, radius=3.0, sigma=0.05 * v, specimen=specimen)
-        law = burrlab.Law("quartic", 2.0)
-        fit = burrlab.fit(curve, law=law, residuals="sigma", uncertain={"force": 0.02})
+        curve = VelocityCurve(
+            force, v, radius=3.0, sigma=0.05 * v, specimen=random.integers(0, 4, 17).tolist()
+        )
+        fit = burrlab.fit(
+            curve, law=burrlab.Law("quartic", 2.0), residuals="sigma", uncertain={"force": 0.02}
+        )
         assert np.isfinite([fit.c_e, fit.alpha, fit.aic]).all()
 
     @pytest.mark.parametrize("seed", [0, 3])
@@ -305,6 +309,19 @@ class TestOffsets:
             VelocityCurve(curve.force[rows], curve.velocity[rows], radius=3.0, specimen=rows // 8)
         )
         assert abs(np.log(fit.starts[0].start[0] / fit.c_e)) < 0.05
+
+    def test_last_bits_of_velocities_do_not_count(self):
+        """On a ridge, with a tare and with specimens that are alike, rounding does not decide where a search ends."""
+        random, force = np.random.default_rng(7), np.tile(np.linspace(0.3, 1.2, 6), 5)
+        v = burrlab.penetration_velocity(BURR, BONE, force) * np.exp(0.05 * random.normal(size=30))
+        curve = VelocityCurve(
+            force, v, radius=3.0, groups={"day": np.arange(30) // 6, "specimen": np.arange(30) % 3}
+        )
+        first, second = (
+            burrlab.fit(x, uncertain={"force": 0.02}).intervals["alpha"]["95"].lower
+            for x in (curve, replace(curve, velocity=v * (1 + 1e-12 * random.normal(size=30))))
+        )
+        assert first == pytest.approx(second, rel=1e-4)
 
     def test_specimens_of_too_few_rows(self):
         """Nothing tells them from the scatter: limits and a band are there all the same."""

@@ -74,12 +74,8 @@ def _identity(value: Any) -> Any:
         return ["sequence", [_identity(part) for part in value]]
     if type(value) is dict and all(type(key) is str for key in value):
         return ["dict", [[key, _identity(value[key])] for key in sorted(value)]]
-    if is_of_core(type(value)) and hasattr(value, "digest"):
-        return ["bone", value.digest()]
-    if is_of_core(type(value)) and hasattr(value, "__setstate__"):
-        state = value.__getstate__()  # as `pickle` keeps it
-        parts = state if type(state) is tuple else (state,)
-        return [type(value).__name__, [_identity(part) for part in parts]]
+    if is_of_core(type(value)) and (identity := _identity_in_core(value)) is not None:
+        return identity
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [(f, getattr(value, f.name)) for f in dataclasses.fields(value) if f.compare]
         counted = [(f.name, part) for f, part in fields if "later" not in f.metadata or part != f.default]
@@ -88,6 +84,16 @@ def _identity(value: Any) -> Any:
         "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers "
         f"and arrays, burrs, materials, shapes, bones and dataclasses of these, got {value!r}"
     )
+
+
+def _identity_in_core(value: Any) -> list[Any] | None:
+    """A bone's digest, or the state that `pickle` keeps of an object; None without one."""
+    if hasattr(value, "digest"):
+        return ["bone", value.digest()]
+    if not hasattr(value, "__setstate__"):
+        return None
+    state = value.__getstate__()
+    return [type(value).__name__, [_identity(part) for part in (state if type(state) is tuple else (state,))]]
 
 
 def key_of(function: Callable[..., Any], item: Any) -> str:

@@ -761,11 +761,10 @@ def compare_laws(
         contradicted[name] = _why_not(likelihood, law, tests[name], level)
         if law is not None and not contradicted[name]:
             fits[name] = fits.get(name) or fit(data, burr, law=law, **options)
-            evidence = fits[name].evidence
-            goodness = evidence and evidence.goodness
-            if goodness and goodness.poor and goodness.test:
-                tests[name] = (*tests[name], goodness.test)
-                contradicted[name] = goodness.test.sentence
+            lack = _lack_of_fit(fits[name])
+            if lack is not None:
+                tests[name] = (*tests[name], lack)
+                contradicted[name] = lack.sentence
         report_progress(2 * len(named) - 1 + len(contradicted), steps)
     least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     with_offsets = _with_offsets(first, burr, likelihood, named[least], named, options)
@@ -785,6 +784,12 @@ def compare_laws(
         _partings(rows, likelihood),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip
+
+
+def _lack_of_fit(of_law: Fit) -> HypothesisTest | None:
+    """The test that calls a fit poor; None if none does."""
+    goodness = of_law.evidence and of_law.evidence.goodness
+    return goodness.test if goodness and goodness.poor else None
 
 
 def _first_fit(
@@ -849,6 +854,8 @@ def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood) -> tuple[Partin
             continue
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
+        if np.isnan(first * second).all():
+            continue
         at = int(np.nanargmax(np.abs(np.log(second / first))))
         run = float(force[at]), float(first[at]), R
         for n in _RUNS:

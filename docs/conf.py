@@ -289,7 +289,7 @@ def short_signature(
     """No types, and no signature of what users do not make themselves."""
     if inspect.isclass(found) and MAKER.search(found.__doc__ or ""):
         return "", None
-    typed = text is not None and ("typing." in text or "burrlab._core" in text)
+    typed = text is not None and ("typing." in text or "burrlab._core" in text or "self: object" in text)
     return (without_types(text), None) if typed else None
 
 

@@ -75,7 +75,7 @@ void bind_anatomy(py::module_& m) {
       },
       "bone"_a, "Levels left of each tissue, (tissues,) int64; empty without tissues.");
 
-  py::class_<StructureSearch, std::shared_ptr<StructureSearch>>(
+  Class<StructureSearch, std::shared_ptr<StructureSearch>>(
       m, "StructureSearch",
       "Exact distances to a structure: to the nearest of its voxels, each a box. ValueError if the bone has "
       "no tissues, or no voxel with this number.")
@@ -87,11 +87,10 @@ void bind_anatomy(py::module_& m) {
             return at_points(points, [&](const Vec3& point) { return search.distance(point, nearest); });
           },
           "points"_a, "Distances [mm] of points (..., 3) [mm]; 0 inside. ValueError unless finite.")
-      .def_property_readonly("low", &StructureSearch::low,
-                             "Corner of the box around it, (x, y, z) [mm]; a copy")
-      .def_property_readonly("high", &StructureSearch::high, "The opposite corner [mm]; a copy");
+      .def_readonly("low", &StructureSearch::low, "Corner of the box around it, (x, y, z) [mm]; a copy")
+      .def_readonly("high", &StructureSearch::high, "The opposite corner [mm]; a copy");
 
-  py::class_<StructureDistance, std::shared_ptr<StructureDistance>>(
+  Class<StructureDistance, std::shared_ptr<StructureDistance>>(
       m, "StructureDistance",
       "Distances to a structure: exact near it, from a field far from it. `estimate` (z, y, x): distances "
       "[mm] at the field's nodes, wrong by at most `error` [mm]; those below 8 mm are made exact when they "
@@ -118,7 +117,7 @@ void bind_anatomy(py::module_& m) {
           },
           "points"_a, "Distances [mm] at points (..., 3) [mm] by the field alone; infinite outside it.");
 
-  py::class_<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
+  Class<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
       m, "AnatomyWatch",
       "The watch over structures near a session's burrs; a TickExecutor, a Follower or a Replica runs it. "
       "`structures`: (StructureDistance, approach [mm], touch [mm], injury [mm^3], hysteresis [mm]) each. "

@@ -32,14 +32,14 @@ auto array_of(std::vector<Value> HeldDescent::* field) {
 }
 
 void bind_contact(py::module_& m) {
-  py::class_<Contact> contact(m, "Contact",
-                              "The contact of one tick; its force is that before the tick's erosion.");
-  py::class_<ContactSeries> series(
+  Class<Contact> contact(m, "Contact",
+                         "The contact of one tick; its force is that before the tick's erosion.");
+  Class<ContactSeries> series(
       m, "ContactSeries",
       "The contacts along a path; every column is a copy with one row a tick, (n,) or (n, 3).");
   const auto def = [&](const char* name, auto field, const char* doc) {
-    contact.def_property_readonly(name, copy_of(field), doc);
-    series.def_property_readonly(name, column(field), doc);
+    contact.def_readonly(name, field, doc);
+    series.def_readonly(name, column(field), doc);
   };
   def("force", &Contact::force, "(3,) [N], out of the bone");
   def("normal", &Contact::normal, "(3,) out of the bone; shorter than 1 where ambiguous");
@@ -70,11 +70,11 @@ void bind_contact(py::module_& m) {
         return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
       });
 
-  py::class_<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
-      .def_property_readonly("position", array_of(&HeldDescent::position),
-                             "(n,) along the axis from the start, before each tick's erosion [mm]")
-      .def_property_readonly("force", array_of(&HeldDescent::force), "(n,) axial, as solved [N]")
-      .def_property_readonly("removed", array_of(&HeldDescent::removed), "(n,) [mm^3]")
+  Class<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
+      .def_readonly("position", array_of(&HeldDescent::position),
+                    "(n,) along the axis from the start, before each tick's erosion [mm]")
+      .def_readonly("force", array_of(&HeldDescent::force), "(n,) axial, as solved [N]")
+      .def_readonly("removed", array_of(&HeldDescent::removed), "(n,) [mm^3]")
       .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact has no direction")
       .def_readonly("faint", &HeldDescent::faint,
                     "Number of ticks with over 5 % of the mass in voxels with pristine level below 32")
@@ -114,7 +114,7 @@ ContactSeries run(BurrContact& contact, const Reals& path, double dt, bool burr_
 
 void bind_burr_contact(py::module_& m) {
   bind_contact(m);
-  py::class_<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.
+  Class<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.
 
 Parameters
 ----------
@@ -265,12 +265,12 @@ Raises
 ValueError
     If the force or dt is not positive, or the axis not of length 1.
 )")
-      .def_readwrite("tick", &BurrContact::tick, "Number of the next tick; settable, for replay.")
-      .def_property_readonly("bone", &BurrContact::bone)
-      .def_property_readonly("burr", &BurrContact::burr)
-      .def_property_readonly("material", &BurrContact::material)
-      .def_property_readonly("seed", &BurrContact::seed)
-      .def_property_readonly("index", &BurrContact::index)
-      .def_property_readonly(
-          "scheme", [](const BurrContact& c) { return c.scheme() == Scheme::layer ? "layer" : "cell"; });
+      .def_readonly("bone", &BurrContact::bone)
+      .def_readonly("burr", &BurrContact::burr)
+      .def_readonly("material", &BurrContact::material)
+      .def_readonly("seed", &BurrContact::seed)
+      .def_readonly("index", &BurrContact::index)
+      .def_readonly("scheme",
+                    [](const BurrContact& c) { return c.scheme() == Scheme::layer ? "layer" : "cell"; })
+      .def_readwrite("tick", &BurrContact::tick, "Number of the next tick; settable, for replay.");
 }

@@ -76,9 +76,8 @@ void bind_hand(py::module_& m) {
   const auto setting = [](double HandSettings::* field) {
     return [field](const HandDevice& hand) { return hand.settings().*field; };
   };
-  py::class_<HandDevice, Device, std::shared_ptr<HandDevice>>(
-      m, "HandDevice",
-      R"(A simulated hand that holds a simulated device.
+  Class<HandDevice, Device, std::shared_ptr<HandDevice>>(m, "HandDevice",
+                                                         R"(A simulated hand that holds a simulated device.
 
 A point mass with damping and friction. A spring, the grip, draws it to the hand's target. Along `into` the
 target moves, at most at `approach`, to where the spring pushes with `push`. Out of contact this is a gentle
@@ -158,14 +157,12 @@ array([0. , 0. , 3.2])
            "approach"_a = defaults.approach, "follow"_a = defaults.follow, "mass"_a = defaults.mass,
            "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
            "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
-      .def_property_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
-      .def_property_readonly("position", &HandDevice::position, py::return_value_policy::copy,
-                             "(3,) true position [mm]; while no loop runs")
-      .def_property_readonly("target", &HandDevice::target, py::return_value_policy::copy,
-                             "(3,) place the hand draws to [mm]; while no loop runs")
-      .def_property_readonly("damping", setting(&HandSettings::damping), "[N s/m]")
-      .def_property_readonly("friction", setting(&HandSettings::friction), "[N]")
-      .def_property_readonly("encoder_step", setting(&HandSettings::encoder_step), "[mm]");
+      .def_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
+      .def_readonly("position", &HandDevice::position, "(3,) true position [mm]; while no loop runs")
+      .def_readonly("target", &HandDevice::target, "(3,) place the hand draws to [mm]; while no loop runs")
+      .def_readonly("damping", setting(&HandSettings::damping), "[N s/m]")
+      .def_readonly("friction", setting(&HandSettings::friction), "[N]")
+      .def_readonly("encoder_step", setting(&HandSettings::encoder_step), "[mm]");
 }
 
 constexpr const char* servo_text = R"({}
@@ -200,8 +197,7 @@ force zero.{}
 /// A vendor's device, which its library knows by `id`; `text` fills `servo_text`.
 template <class Vendor, class Id, class... Text>
 auto bind_vendor(py::module_& m, const char* title, const char* id, const Id& usual, const Text&... text) {
-  py::class_<Vendor, ServoDevice, std::shared_ptr<Vendor>> device(m, title,
-                                                                  format(servo_text, text...).c_str());
+  Class<Vendor, ServoDevice, std::shared_ptr<Vendor>> device(m, title, format(servo_text, text...).c_str());
   device.def(py::init([](const Id& which, double lost_after, std::optional<int> on_button,
                          const std::string& library) {
                const ServoSettings settings{lost_after, button_of(on_button)};
@@ -213,17 +209,16 @@ auto bind_vendor(py::module_& m, const char* title, const char* id, const Id& us
 }
 
 void bind_servo(py::module_& m) {
-  py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
-                                                                "A device that a vendor's library drives.")
-      .def_property_readonly("fault", &ServoDevice::fault,
-                             "Why the device was lost, in one sentence; empty without a fault of the device")
-      .def_property_readonly(
+  Class<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
+                                                           "A device that a vendor's library drives.")
+      .def_readonly("fault", &ServoDevice::fault,
+                    "Why the device was lost, in one sentence; empty without a fault of the device")
+      .def_readonly(
           "delay", [](const ServoDevice& d) { return d.model().delay; },
           "From reading a position to the middle of the time in which its force acts [ms]: a mean over about "
           "a thousand cycles of the servo; nan before the first")
-      .def_property_readonly("hardware", &ServoDevice::hardware,
-                             "The model, as the vendor's library names it")
-      .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");
+      .def_readonly("hardware", &ServoDevice::hardware, "The model, as the vendor's library names it")
+      .def_readonly("library", &ServoDevice::library, "File of the vendor's library");
   bind_vendor<TouchDevice>(
       m, "TouchDevice", "name", std::string(),
       "A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).",
@@ -251,7 +246,7 @@ void bind_servo(py::module_& m) {
 void bind_device(py::module_& m) {
   bind_hand(m);
   bind_servo(m);
-  py::class_<ScriptedDevice, Device, std::shared_ptr<ScriptedDevice>>(
+  Class<ScriptedDevice, Device, std::shared_ptr<ScriptedDevice>>(
       m, "ScriptedDevice", R"(A device that moves along straight lines between the rows of a table.
 
 It stays at the first row until its time. After the last row the session ends.
@@ -276,10 +271,10 @@ ValueError
 )")
       .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none(), "orientation"_a = py::none())
       .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
-      .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
-      .def_property_readonly("path", &path_of, "(n, 4) time [s] and position [mm] of each row; a copy")
-      .def_property_readonly("force", &ScriptedDevice::force, "(3,) last sent by the loop [N]; a copy");
-  py::class_<ReplayDevice, Device, std::shared_ptr<ReplayDevice>>(
+      .def_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
+      .def_readonly("path", &path_of, "(n, 4) time [s] and position [mm] of each row; a copy")
+      .def_readonly("force", &ScriptedDevice::force, "(3,) last sent by the loop [N]; a copy");
+  Class<ReplayDevice, Device, std::shared_ptr<ReplayDevice>>(
       m, "ReplayDevice", R"(A device that repeats the positions of recorded ticks, then ends the session.
 
 Parameters
@@ -304,5 +299,5 @@ ValueError
       .def(py::init(&replay), "position"_a, "velocity"_a = py::none(), "on"_a = py::none(),
            "orientation"_a = py::none(), "buttons"_a = py::none())
       .def("__len__", &ReplayDevice::size)
-      .def_property_readonly("force", &ReplayDevice::force, "(3,) last sent by the loop [N]; a copy");
+      .def_readonly("force", &ReplayDevice::force, "(3,) last sent by the loop [N]; a copy");
 }

@@ -38,8 +38,8 @@ Instrument checked(const Instrument& instrument) {
 }  // namespace
 
 void bind_effect_parameters(py::module_& m) {
-  auto parameters = py::class_<EffectParameters>(m, "EffectParameters",
-                                                 R"(Rates, sizes and friction of the secondary effects.
+  auto parameters = Class<EffectParameters>(m, "EffectParameters",
+                                            R"(Rates, sizes and friction of the secondary effects.
 
 All but gravity are assumed: the paper gives no numbers. docs/effects.md gives their meaning.
 
@@ -64,7 +64,7 @@ Examples
   parameters.def(py::init(&make));
   for (const EffectParameterRow& row : effect_parameter_table()) {
     const std::string doc = *row.unit ? "[" + std::string(row.unit) + "]" : "";
-    parameters.def_property_readonly(
+    parameters.def_readonly(
         row.name, [&row](const EffectParameters& p) { return py::object(values_of(p)[row.name]); },
         doc.c_str());
   }
@@ -97,7 +97,7 @@ Examples
   parameters.attr("__hash__") = py::none();
 
   const Nozzle nozzle;
-  py::class_<Nozzle>(m, "Nozzle", R"(Irrigation.
+  Class<Nozzle>(m, "Nozzle", R"(Irrigation.
 
 Parameters
 ----------
@@ -125,15 +125,14 @@ ValueError
            }),
            "position"_a = nozzle.position, "direction"_a = nozzle.direction, py::kw_only(),
            "rate"_a = nozzle.rate, "speed"_a = nozzle.speed, "burr"_a = 0)
-      .def_property_readonly("position", copy_of(&Nozzle::position), "[mm]")
-      .def_property_readonly("direction", copy_of(&Nozzle::direction))
+      .def_readonly("position", &Nozzle::position, "[mm]")
+      .def_readonly("direction", &Nozzle::direction)
       .def_readonly("rate", &Nozzle::rate, "[mm^3/s]")
       .def_readonly("speed", &Nozzle::speed, "[mm/s]")
-      .def_property_readonly("burr",
-                             [](const Nozzle& n) { return n.burr < 0 ? std::optional<int>() : n.burr; });
+      .def_readonly("burr", [](const Nozzle& n) { return n.burr < 0 ? std::optional<int>() : n.burr; });
 
   const Sucker sucker;
-  py::class_<Sucker>(m, "Sucker", R"(A sucker: takes up parcels near its tip, and draws the air around it.
+  Class<Sucker>(m, "Sucker", R"(A sucker: takes up parcels near its tip, and draws the air around it.
 
 Parameters
 ----------
@@ -159,14 +158,14 @@ ValueError
            }),
            "position"_a, py::kw_only(), "radius"_a = sucker.radius, "reach"_a = sucker.reach,
            "rate"_a = sucker.rate, "pull"_a = sucker.pull)
-      .def_property_readonly("position", copy_of(&Sucker::position), "[mm]")
+      .def_readonly("position", &Sucker::position, "[mm]")
       .def_readonly("radius", &Sucker::radius, "[mm]")
       .def_readonly("reach", &Sucker::reach, "[mm]")
       .def_readonly("rate", &Sucker::rate, "[mm^3/s]")
       .def_readonly("pull", &Sucker::pull, "[mm/s]");
 
   const Camera camera;
-  py::class_<Camera>(m, "Camera", R"(A perspective view.
+  Class<Camera>(m, "Camera", R"(A perspective view.
 
 Parameters
 ----------
@@ -187,9 +186,9 @@ ValueError
                        double aspect) { return checked(Camera{position, look_at, up, angle, aspect}); }),
            "position"_a, "look_at"_a, py::kw_only(), "up"_a = camera.up, "view_angle"_a = camera.view_angle,
            "aspect"_a = camera.aspect)
-      .def_property_readonly("position", copy_of(&Camera::position), "[mm]")
-      .def_property_readonly("look_at", copy_of(&Camera::look_at), "[mm]")
-      .def_property_readonly("up", copy_of(&Camera::up))
+      .def_readonly("position", &Camera::position, "[mm]")
+      .def_readonly("look_at", &Camera::look_at, "[mm]")
+      .def_readonly("up", &Camera::up)
       .def_readonly("view_angle", &Camera::view_angle, "[degree]")
       .def_readonly("aspect", &Camera::aspect);
 }

@@ -95,8 +95,8 @@ auto companion_of() {
 }
 
 void bind_companion(py::module_& m) {
-  py::class_<EffectsCompanion, OwnCompanion>(
-      m, "EffectsCompanion", "Effects in a thread beside a session or replica; see Companion.")
+  Class<EffectsCompanion, OwnCompanion>(m, "EffectsCompanion",
+                                        "Effects in a thread beside a session or replica; see Companion.")
       .def(companion_of<HapticLoop, Follower>(), "loop"_a, "follower"_a, py::kw_only(), "parameters"_a,
            "seed"_a, "down"_a, "spin"_a, "budget"_a, "rate"_a, "realtime"_a)
       .def(companion_of<Replica>(), "replica"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a,
@@ -106,19 +106,18 @@ void bind_companion(py::module_& m) {
           py::return_value_policy::reference, no_gil, "Starts the thread. ValueError the second time.")
       .def("stop", &EffectsCompanion::stop, no_gil)
       .def("wait", &EffectsCompanion::wait, "seconds"_a, no_gil)
-      .def_property_readonly("running", &EffectsCompanion::running)
-      .def_property_readonly("error", &EffectsCompanion::error,
-                             "The error that ended the thread; empty if none did.")
-      .def_property_readonly(
+      .def_readonly("running", &EffectsCompanion::running)
+      .def_readonly("error", &EffectsCompanion::error, "The error that ended the thread; empty if none did.")
+      .def_readonly(
           "realtime_notes", &EffectsCompanion::realtime_notes,
           "A sentence for each right asked of the system, granted or not; empty before the first frame.")
       .def("set_nozzle", &EffectsCompanion::set_nozzle, "nozzle"_a, "Sets it, from the next frame on.")
       .def("set_sucker", &EffectsCompanion::set_sucker, "sucker"_a, "Sets it, from the next frame on.")
       .def("set_camera", &EffectsCompanion::set_camera, "camera"_a, "Sets it, from the next frame on.")
-      .def_property_readonly("quantum", &EffectsCompanion::quantum, "One level of one voxel [mm^3].")
-      .def_property_readonly("first_tick", &EffectsCompanion::first_tick,
-                             "Tick of the bone at the companion's beginning.")
-      .def_property_readonly(
+      .def_readonly("quantum", &EffectsCompanion::quantum, "One level of one voxel [mm^3].")
+      .def_readonly("first_tick", &EffectsCompanion::first_tick,
+                    "Tick of the bone at the companion's beginning.")
+      .def_readonly(
           "frames",
           [](const EffectsCompanion& companion) {
             std::vector<std::tuple<double, std::uint64_t, Decision>> out;
@@ -145,7 +144,7 @@ void bind_companion(py::module_& m) {
 
 void bind_effects(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(ParcelView, position, velocity, radius, dust, blood, water, age);
-  py::class_<Effects>(m, "Effects", "Dust, blood, water and a sucker; see burrlab.effects.Effects.")
+  Class<Effects>(m, "Effects", "Dust, blood, water and a sucker; see burrlab.effects.Effects.")
       .def(py::init([](const VoxelBone& bone, const EffectParameters& parameters, std::uint64_t seed,
                        const Vec3& down, const Vec3& spin, std::optional<double> budget) {
              const EffectsSetup setup{parameters, seed, down, spin, budget};
@@ -154,13 +153,9 @@ void bind_effects(py::module_& m) {
              return std::make_unique<Effects>(bone, setup);
            }),
            "bone"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a)
-      .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle,
-                    "A new one counts from the next frame on.")
-      .def_property("sucker", &Effects::sucker, &Effects::set_sucker,
-                    "A new one counts from the next frame on.")
       .def("make_frame", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
            "One frame; returns the decision (merge_to, sub_steps, done).")
-      .def_property_readonly(
+      .def_readonly(
           "parcels",
           [](const Effects& effects) {
             std::vector<ParcelView> parcels;
@@ -172,8 +167,8 @@ void bind_effects(py::module_& m) {
       .def(
           "quanta", [](const Effects& effects) { return to_dict(effects.balance()); },
           "(made, present, sucked, drained) [quanta] by substance.")
-      .def_property_readonly("quantum", &Effects::quantum, "One level of one voxel [mm^3].")
-      .def_property_readonly(
+      .def_readonly("quantum", &Effects::quantum, "One level of one voxel [mm^3].")
+      .def_readonly(
           "removed", [](const Effects& effects) { return effects.sources().removed(); },
           "Levels removed since the beginning, by tissue number; one value without tissues; empty before any "
           "removal.")
@@ -186,8 +181,13 @@ void bind_effects(py::module_& m) {
             return effects.hidden(camera, {center, radius});
           },
           "camera"_a, "center"_a, "radius"_a)
-      .def("counts", [](const Effects& effects) {
-        return to_dict(effects.counts(), effects.wall_time(), effects.cpu_time());
-      });
+      .def("counts",
+           [](const Effects& effects) {
+             return to_dict(effects.counts(), effects.wall_time(), effects.cpu_time());
+           })
+      .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle,
+                    "A new one counts from the next frame on.")
+      .def_property("sucker", &Effects::sucker, &Effects::set_sucker,
+                    "A new one counts from the next frame on.");
   bind_companion(m);
 }

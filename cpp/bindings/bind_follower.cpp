@@ -23,9 +23,9 @@ static py::list digests(const Follower& follower, std::size_t known) {
 }
 
 void bind_follower(py::module_& m) {
-  py::class_<BoneView>(m, "BoneView", "The changes one consumer has not seen yet.");
+  Class<BoneView>(m, "BoneView", "The changes one consumer has not seen yet.");
   const FollowerSettings defaults;
-  py::class_<Follower, std::shared_ptr<Follower>>(
+  Class<Follower, std::shared_ptr<Follower>>(
       m, "Follower",
       "Executes a loop's ticks again on its own bone, for all that need to see the bone. The loop must not "
       "be started yet. `digest_every` [ticks]; `stiffness_every` [ms]; further behind than `rebuild_after` "
@@ -40,7 +40,7 @@ void bind_follower(py::module_& m) {
            "stiffness_every"_a = defaults.stiffness_every, "rebuild_after"_a = defaults.rebuild_after)
       .def("start", &Follower::start, no_gil)
       .def("stop", &Follower::stop, no_gil, "Waits for the loop's end, executes what is left, and ends.")
-      .def_property_readonly(
+      .def_readonly(
           "status",
           [](const Follower& f) {
             const FollowerStatus s = without_gil([&] { return f.status(); });
@@ -50,7 +50,7 @@ void bind_follower(py::module_& m) {
           },
           "A dict: tick, behind [ticks], most_behind_s, rebuilds, differing (ticks whose results differ from "
           "the loop's), first_difference")
-      .def_property_readonly(
+      .def_readonly(
           "digests", [](const Follower& f) { return digests(f, 0); }, "[(ticks executed, digest)]")
       .def(
           "stiffness",

@@ -2,8 +2,8 @@
 #include "force_controller.hpp"
 
 void bind_force_controller(py::module_& m) {
-  py::class_<ForceController>(m, "ForceController",
-                              R"(PID controller on the force error that commands the velocity of a rig.
+  Class<ForceController>(m, "ForceController",
+                         R"(PID controller on the force error that commands the velocity of a rig.
 
 velocity = kp e + integral of ki e dt - kd dF/dt, within the output limits; e is set-point minus measured
 force. The derivative is that of the measured force, through a first-order filter. The integral stands still

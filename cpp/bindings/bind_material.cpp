@@ -13,7 +13,7 @@ std::vector<double> numbers(const py::object& values, const char* name) {
 }
 
 void bind_shape(py::module_& m) {
-  py::class_<Shape>(m, "Shape", R"doc(Erosion shape function f(x), x = r/R, of Eq. 4.
+  Class<Shape>(m, "Shape", R"doc(Erosion shape function f(x), x = r/R, of Eq. 4.
 
 The paper asks only for a maximum at r = 0 and zero beyond R. The family is our choice; an alpha belongs to
 one f.
@@ -85,10 +85,10 @@ Examples
 >>> f.order, round(f(0.5), 4), f == burrlab.Shape(f.name)
 (1.0, 0.7067, True)
 )doc")
-      .def_property_readonly("name", &Shape::name, "Name that gives the same shape to the bit.")
-      .def_property_readonly("label", &Shape::label,
-                             "The name; for a table its number of points, order and a digest of its name.")
-      .def_property_readonly(
+      .def_readonly("name", &Shape::name, "Name that gives the same shape to the bit.")
+      .def_readonly("label", &Shape::label,
+                    "The name; for a table its number of points, order and a digest of its name.")
+      .def_readonly(
           "order", &Shape::order,
           "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k) and tables.")
       .def(
@@ -145,7 +145,7 @@ void doubt(double c_e, double alpha) {
 
 void bind_material(py::module_& m) {
   bind_shape(m);
-  py::class_<Burr>(m, "Burr", R"(A spherical burr.
+  Class<Burr>(m, "Burr", R"(A spherical burr.
 
 Parameters
 ----------
@@ -173,10 +173,10 @@ Burr(radius=3.0)
       .def("__hash__", [](const Burr& b) { return py::hash(py::float_(b.radius)); })
       .def("__repr__",
            [](const Burr& b) { return "Burr(radius=" + std::string(py::str(py::float_(b.radius))) + ")"; })
-      .def(py::pickle(copy_of(&Burr::radius), [](double radius) { return Burr(radius); }));
+      .def(py::pickle([](const Burr& b) { return b.radius; }, [](double radius) { return Burr(radius); }));
 
-  py::class_<Material>(
-      m, "Material", R"(A material: elastic constant, erosion rate, and the shape f that the rate belongs to.
+  Class<Material>(m, "Material",
+                  R"(A material: elastic constant, erosion rate, and the shape f that the rate belongs to.
 
 Parameters
 ----------

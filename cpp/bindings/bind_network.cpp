@@ -46,15 +46,11 @@ py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
 
 void bind_publisher(py::module_& m) {
   const PublisherSettings defaults;
-  py::class_<Publisher, std::shared_ptr<Publisher>>(
+  Class<Publisher, std::shared_ptr<Publisher>>(
       m, "Publisher",
-      "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody "
-      "waits. There is no authentication: whoever reaches the port may read. The follower must not be "
-      "started yet. `port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is "
-      "JSON about the session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
-      "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
-      "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
-      "ValueError if the address or a setting cannot be used.")
+      "Sends the ticks of a follower that is not started yet to standard OpenIGTLink peers, to replicas and "
+      "to VRPN clients, as publisher.hpp says; nobody waits. ValueError if the address or a setting cannot "
+      "be used.")
       .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host,
                        std::optional<int> port, const std::string& hello, int header_version, bool sensor,
                        double log, std::size_t most_peers, std::size_t most_behind, std::uint64_t thin_after,
@@ -73,11 +69,10 @@ void bind_publisher(py::module_& m) {
            "sensor"_a = defaults.sensor, "log"_a = defaults.log, "most_peers"_a = defaults.most_peers,
            "most_behind"_a = defaults.most_behind, "thin_after"_a = defaults.thin_after,
            "vrpn"_a = py::none())
-      .def_property_readonly("port", &Publisher::port, "It listens here; 0: nowhere.")
-      .def_property_readonly("vrpn_port", &Publisher::vrpn_port,
-                             "It listens to VRPN's clients here; 0: nowhere.")
-      .def_property_readonly("session", &Publisher::session, "Random number that names the session")
-      .def_property_readonly(
+      .def_readonly("port", &Publisher::port, "It listens here; 0: nowhere.")
+      .def_readonly("vrpn_port", &Publisher::vrpn_port, "It listens to VRPN's clients here; 0: nowhere.")
+      .def_readonly("session", &Publisher::session, "Random number that names the session")
+      .def_readonly(
           "status", [](const Publisher& p) { return to_dict(p.status()); },
           "A dict: tick; standard_peers and replicas connected; counts since the start: accepted, refused "
           "(connections beyond `most_peers`), skipped (ticks that slow standard peers missed), cut_off (slow "
@@ -97,24 +92,17 @@ void bind_publisher(py::module_& m) {
 }
 
 void bind_replica(py::module_& m) {
-  py::class_<Replica, std::shared_ptr<Replica>>(
+  Class<Replica, std::shared_ptr<Replica>>(
       m, "Replica",
       "A bone that follows a leader over the network: `fetch_hello`, then `start` with the bone that the "
       "hello describes. ValueError if `host` has no address or `port` is not 1 to 65535.")
       .def(py::init<const std::string&, int>(), "host"_a, "port"_a)
       .def("fetch_hello", &Replica::fetch_hello, "timeout"_a = 1.0, no_gil,
            "Asks for the leader's hello for `timeout` [s]; returns whether it came.")
-      .def_property_readonly(
-          "hello", [](const Replica& r) { return to_text(r.hello().text); },
-          "JSON about the leader's session")
-      .def_property_readonly(
-          "initial_digest", [](const Replica& r) { return r.hello().digest; },
-          "Of the leader's initial volume")
-      .def_property_readonly(
-          "first_tick", [](const Replica& r) { return r.hello().first_tick; },
-          "Ticks executed on the initial volume")
-      .def_property_readonly(
-          "session", [](const Replica& r) { return r.hello().session; }, "0 before the hello came")
+      .def_readonly("hello", [](const Replica& r) { return to_text(r.hello().text); })
+      .def_readonly("initial_digest", [](const Replica& r) { return r.hello().digest; })
+      .def_readonly("first_tick", [](const Replica& r) { return r.hello().first_tick; })
+      .def_readonly("session", [](const Replica& r) { return r.hello().session; })
       .def(
           "start",
           [](Replica& replica, std::shared_ptr<VoxelBone> bone, const Tools& tools, std::uint64_t seed,
@@ -132,7 +120,7 @@ void bind_replica(py::module_& m) {
           "stop", [](Replica& r) { r.stop(); }, no_gil)
       .def("wait", &Replica::wait, "seconds"_a, no_gil,
            "Waits for the session's end; returns whether it came.")
-      .def_property_readonly(
+      .def_readonly(
           "status",
           [](const Replica& replica) {
             return to_dict(without_gil([&] { return replica.status(); }), replica);
@@ -155,11 +143,11 @@ void bind_replica(py::module_& m) {
 }
 
 void bind_force_watchdog(py::module_& m) {
-  py::class_<ForceWatchdog>(m, "ForceWatchdog",
-                            "Sends `rest`, a whole message with force zero, over a connected socket, a "
-                            "descriptor that it duplicates, once no `beat` came for `silence` [ms], also "
-                            "while other code holds the interpreter. ValueError if that is not positive or "
-                            "the socket is none.")
+  Class<ForceWatchdog>(m, "ForceWatchdog",
+                       "Sends `rest`, a whole message with force zero, over a connected socket, a "
+                       "descriptor that it duplicates, once no `beat` came for `silence` [ms], also "
+                       "while other code holds the interpreter. ValueError if that is not positive or "
+                       "the socket is none.")
       .def(py::init<int, std::string, double>(), "socket"_a, "rest"_a, "silence"_a)
       .def("send", &ForceWatchdog::send, "message"_a, no_gil,
            "Sends a whole message; False if the connection ended, or took nothing for a second.")

@@ -19,7 +19,7 @@ std::map<std::string, std::uint64_t> counts_of(const ReaderCounters& counters) {
 }
 
 void bind_igtl_device(py::module_& m) {
-  py::class_<IgtlDevice, MailboxDevice, std::shared_ptr<IgtlDevice>>(
+  Class<IgtlDevice, MailboxDevice, std::shared_ptr<IgtlDevice>>(
       m, "IgtlDevice", R"doc(A device that a standard OpenIGTLink server's TRANSFORM stream drives.
 
 The position is rounded once, on arrival. The burr is on unless the sender's device name ends in ``_off`` (our
@@ -51,8 +51,8 @@ ValueError
            }),
            "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", "lost_after"_a = 100.0,
            "on_button"_a = py::none(), no_gil)
-      .def_property_readonly("connected", &IgtlDevice::connected)
-      .def_property_readonly(
+      .def_readonly("connected", &IgtlDevice::connected)
+      .def_readonly(
           "counters", [](const IgtlDevice& d) { return counts_of(d.counters()); },
           "Messages, drops by reason, connections; a copy.")
       .def("stop", &IgtlDevice::stop, no_gil, "Ends the connection.");
@@ -87,7 +87,7 @@ void bind_vrpn_log(py::module_& m) {
 }
 
 void bind_vrpn_device(py::module_& m) {
-  py::class_<VrpnDevice, MailboxDevice, std::shared_ptr<VrpnDevice>>(
+  Class<VrpnDevice, MailboxDevice, std::shared_ptr<VrpnDevice>>(
       m, "VrpnDevice",
       R"doc(A device that sensor 0 of a VRPN server's Tracker, and the Buttons of that name, drive.
 
@@ -123,10 +123,9 @@ ValueError
            }),
            "name"_a, "host"_a, "port"_a = vrpn::default_port, py::kw_only(), "tcp"_a = false,
            "on_button"_a = py::none(), "lost_after"_a = 100.0, no_gil)
-      .def_property_readonly("connected", &VrpnDevice::connected)
-      .def_property_readonly("note", &VrpnDevice::note,
-                             "That the server's minor version is another, else empty.")
-      .def_property_readonly(
+      .def_readonly("connected", &VrpnDevice::connected)
+      .def_readonly("note", &VrpnDevice::note, "That the server's minor version is another, else empty.")
+      .def_readonly(
           "counters",
           [](const VrpnDevice& d) {
             const ReaderCounters counters = d.counters();

@@ -51,7 +51,7 @@ void bind_executor(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(TickRecord, index, k, burrs, time, cpu_time, burr);
   m.attr("record_dtype") = py::dtype::of<TickRecord>();
 
-  py::class_<TickExecutor, std::shared_ptr<TickExecutor>>(
+  Class<TickExecutor, std::shared_ptr<TickExecutor>>(
       m, "TickExecutor",
       "Executes tick records: force and erosion, the same for all that execute them. The bone is changed in "
       "place. `tools` are one or two, in index order; `period` of the loop [ms], of which a tick stands for "
@@ -73,11 +73,11 @@ void bind_executor(py::module_& m) {
             return executor.probe(burr, center);
           },
           "burr"_a, "center"_a, "The contact of a burr at a centre [mm], without erosion.")
-      .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")
-      .def_property_readonly("bone", &TickExecutor::bone);
+      .def_readonly("tick", &TickExecutor::tick, "Index of the next tick")
+      .def_readonly("bone", &TickExecutor::bone);
 
-  py::class_<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
-      .def_property_readonly("name", &Device::name)
+  Class<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
+      .def_readonly("name", &Device::name)
       .def_static("__init_subclass__", [](const py::kwargs&) {
         PyErr_SetString(
             PyExc_NotImplementedError,
@@ -85,7 +85,7 @@ void bind_executor(py::module_& m) {
             "MailboxDevice, or give them to a ScriptedDevice or a ReplayDevice");
         throw py::error_already_set();
       });
-  py::class_<MailboxDevice, Device, std::shared_ptr<MailboxDevice>>(
+  Class<MailboxDevice, Device, std::shared_ptr<MailboxDevice>>(
       m, "MailboxDevice", R"(A device driven from Python, or any other thread, through a mailbox.
 
 Parameters
@@ -112,8 +112,8 @@ ValueError
       .def("fail", &MailboxDevice::fail, "reason"_a,
            "Ends a session with this reason, and force zero. The device cannot serve another one; the first "
            "reason counts.")
-      .def_property_readonly("fault", &MailboxDevice::fault, "The reason given to `fail`; empty without one")
-      .def_property_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy")
+      .def_readonly("fault", &MailboxDevice::fault, "The reason given to `fail`; empty without one")
+      .def_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy")
       .def_static("__init_subclass__", [](const py::kwargs&) {});  // allowed: its `read` stays in C++
 }
 
@@ -130,22 +130,18 @@ py::tuple take(RecordReader& reader, std::size_t most) {
 }
 
 void bind_counts(py::module_& m) {
-  py::class_<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
+  Class<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
       .def_readonly("ticks", &LoopCounts::ticks, "Executed")
       .def_readonly("late", &LoopCounts::late, "Ticks that stood for more than one period")
       .def_readonly("missed", &LoopCounts::missed, "Deadlines without a tick")
-      .def_readonly("dropped", &LoopCounts::dropped, "Periods beyond 8 since a tick, for which none stood")
-      .def("__repr__", [](const LoopCounts& c) {
-        return format("LoopCounts(ticks={}, late={}, missed={}, dropped={})", c.ticks, c.late, c.missed,
-                      c.dropped);
-      });
+      .def_readonly("dropped", &LoopCounts::dropped, "Periods beyond 8 since a tick, for which none stood");
 
-  py::class_<Histogram>(m, "Histogram", "Counts of durations [us], readable while they are counted.")
-      .def_property_readonly("count", &Histogram::count, "Number of values")
-      .def_property_readonly("largest", &Histogram::largest, "[us]")
+  Class<Histogram>(m, "Histogram", "Counts of durations [us], readable while they are counted.")
+      .def_readonly("count", &Histogram::count, "Number of values")
+      .def_readonly("largest", &Histogram::largest, "[us]")
       .def("quantile", &Histogram::quantile, "p"_a,
            "Value [us] below which a part p lies, at most 3 % too high; nan without values.")
-      .def_property_readonly(
+      .def_readonly(
           "counts", [](const Histogram& h) { return to_array(h.counts()); }, "(n,) by bin; a copy")
       .def_property_readonly_static(
           "edges", [](const py::object&) { return to_array(Histogram::edges()); },
@@ -154,7 +150,7 @@ void bind_counts(py::module_& m) {
 
 // The parts of LoopSettings that Python makes one a burr.
 void bind_loop_settings(py::module_& m) {
-  py::class_<GuardLimits>(m, "GuardLimits", "Of one burr's force [N], [N/ms], [N], [s], [s].")
+  Class<GuardLimits>(m, "GuardLimits", "Of one burr's force [N], [N/ms], [N], [s], [s].")
       .def(py::init<double, double, double, double, double>(), py::kw_only(), "force"_a, "slew"_a,
            "continuous"_a, "window"_a, "ramp"_a)
       .def_readonly("force", &GuardLimits::force)
@@ -162,17 +158,16 @@ void bind_loop_settings(py::module_& m) {
       .def_readonly("continuous", &GuardLimits::continuous)
       .def_readonly("window", &GuardLimits::window)
       .def_readonly("ramp", &GuardLimits::ramp);
-  py::class_<DeviceModel>(m, "DeviceModel",
-                          "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
+  Class<DeviceModel>(m, "DeviceModel", "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
       .def(py::init<double, double, double>(), py::kw_only(), "damping"_a, "encoder_step"_a, "friction"_a);
-  py::class_<DeviceFrame>(m, "LoopFrame", "See `burrlab.DeviceFrame`; clutch -1: none.")
+  Class<DeviceFrame>(m, "LoopFrame", "See `burrlab.DeviceFrame`; clutch -1: none.")
       .def(py::init<double, const Quaternion&, const Vec3&, int>(), py::kw_only(), "scale"_a, "rotation"_a,
            "offset"_a, "clutch"_a);
 }
 
 void bind_haptic_loop(py::module_& m) {
-  py::class_<RecordReader, std::shared_ptr<RecordReader>>(m, "RecordReader",
-                                                          "One reader's place in a loop's ring of records.")
+  Class<RecordReader, std::shared_ptr<RecordReader>>(m, "RecordReader",
+                                                     "One reader's place in a loop's ring of records.")
       .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
              if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
              auto reader = std::make_shared<RecordReader>(loop->ring());
@@ -185,19 +180,11 @@ void bind_haptic_loop(py::module_& m) {
            "the ring has overwritten the next one.");
 
   const LoopSettings defaults;
-  py::class_<HapticLoop, std::shared_ptr<HapticLoop>>(
+  Class<HapticLoop, std::shared_ptr<HapticLoop>>(
       m, "HapticLoop",
       "The haptic loop: a thread that reads the devices, executes a tick and sends the force. It holds the "
-      "executor's bone from `start` to its end; `devices` are one per burr, in index order. `wall_clock` "
-      "keeps absolute deadlines; without it one period follows another as fast as possible, with the same "
-      "results on every machine. `realtime` asks for priority and locked memory; `cpu` is the CPU to run on, "
-      "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
-      "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
-      "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or "
-      "none; a model says what a device does not say itself. `frames`: one a device, or none. The session "
-      "ends, with zero force, when a force of `stop_force` [N] is wanted or a button of the mask "
-      "`stop_buttons` is pressed. ValueError if there is not one device per burr, the rate is above 10 kHz "
+      "executor's bone from `start` to its end; `devices` are one per burr, in index order. The settings are "
+      "those of loop_settings.hpp. ValueError if there is not one device per burr, the rate is above 10 kHz "
       "or, on the wall clock, below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame "
       "is none.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
@@ -230,14 +217,14 @@ void bind_haptic_loop(py::module_& m) {
            "Ends the session and waits for the thread.")
       .def("wait", &HapticLoop::wait, "seconds"_a, no_gil,
            "Waits for the session's end; returns whether it came.")
-      .def_property_readonly("running", &HapticLoop::running)
-      .def_property_readonly("started", &HapticLoop::started)
-      .def_property_readonly("reason", &HapticLoop::reason, "Why the session ended; empty while it runs")
-      .def_property_readonly("failed", &HapticLoop::failed,
-                             "It ended on a lost device, a stall or a value that is not finite")
-      .def_property_readonly("realtime_notes", &HapticLoop::realtime_notes,
-                             "What was asked of the system and granted, one sentence each")
-      .def_property_readonly("counts", &HapticLoop::counts)
+      .def_readonly("running", &HapticLoop::running)
+      .def_readonly("started", &HapticLoop::started)
+      .def_readonly("reason", &HapticLoop::reason, "Why the session ended; empty while it runs")
+      .def_readonly("failed", &HapticLoop::failed,
+                    "It ended on a lost device, a stall or a value that is not finite")
+      .def_readonly("realtime_notes", &HapticLoop::realtime_notes,
+                    "What was asked of the system and granted, one sentence each")
+      .def_readonly("counts", &HapticLoop::counts)
       .def(
           "energy",
           [](const HapticLoop& loop, std::size_t burr) {
@@ -247,14 +234,10 @@ void bind_haptic_loop(py::module_& m) {
           "burr"_a = 0,
           "(energy given to the hand minus taken from it, its largest value so far) [mJ]; above zero, "
           "sampling or an edge of the bone made it.")
-      .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
-                             "|time since the last tick - whole periods|")
-      .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,
-                             "Start of a tick after its deadline")
-      .def_property_readonly("tick_time", &HapticLoop::tick_time, py::return_value_policy::reference_internal,
-                             "CPU time of a tick")
-      .def_property_readonly("wall_time", &HapticLoop::wall_time, py::return_value_policy::reference_internal,
-                             "Wall time of a tick");
+      .def_readonly("jitter", &HapticLoop::jitter, "|time since the last tick - whole periods|")
+      .def_readonly("lateness", &HapticLoop::lateness, "Start of a tick after its deadline")
+      .def_readonly("tick_time", &HapticLoop::tick_time, "CPU time of a tick")
+      .def_readonly("wall_time", &HapticLoop::wall_time, "Wall time of a tick");
 }
 
 void bind_flat_file(py::module_& m) {

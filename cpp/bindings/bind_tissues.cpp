@@ -41,7 +41,7 @@ std::string names_of(const Tissues& tissues) {
 }  // namespace
 
 void bind_tissues(py::module_& m) {
-  py::class_<Tissue>(m, "Tissue", R"(A tissue: what a label of a segmentation stands for.
+  Class<Tissue>(m, "Tissue", R"(A tissue: what a label of a segmentation stands for.
 
 Parameters
 ----------
@@ -73,7 +73,7 @@ ValueError
       .def_readonly("label", &Tissue::label, "Value in the label volume")
       .def_readonly("c_e", &Tissue::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Tissue::alpha, "Erosion rate [1/ms]")
-      .def_property_readonly(
+      .def_readonly(
           "colour", [](const Tissue& t) { return three(t.colour); }, "(red, green, blue), 0 to 255")
       .def_readonly("critical", &Tissue::critical, "The watch reports distances to it and injuries of it")
       .def_readonly("bleeds", &Tissue::bleeds, "It bleeds where it is opened")
@@ -87,7 +87,7 @@ ValueError
         return make(t[0], t[1], t[2], t[3], t[4], t[5].cast<bool>(), t[6].cast<bool>(), t[7].cast<bool>());
       }));
 
-  py::class_<Tissues, std::shared_ptr<Tissues>>(
+  Class<Tissues, std::shared_ptr<Tissues>>(
       m, "Tissues", R"(The tissues of a bone; a tissue's number is its place among them.
 
 Parameters
@@ -128,7 +128,7 @@ In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels are exact; `c_
             throw std::invalid_argument("tissue must be one of " + names_of(t) + ", got '" + name + "'");
           },
           "name"_a, "Number of the tissue of this name. ValueError if there is none.")
-      .def_property_readonly("material", &Tissues::material, "Material of every burr in the bone")
+      .def_readonly("material", &Tissues::material, "Material of every burr in the bone")
       .def(
           "__eq__",
           [](const Tissues& a, const Tissues& b) {

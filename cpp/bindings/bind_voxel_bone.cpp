@@ -5,7 +5,7 @@
 
 namespace {
 
-using VoxelBoneClass = py::class_<VoxelBone, std::shared_ptr<VoxelBone>>;
+using VoxelBoneClass = Class<VoxelBone, std::shared_ptr<VoxelBone>>;
 using Levels = VoxelBone::Levels;
 using Range = std::optional<std::pair<double, double>>;  // values of empty and of solid bone
 
@@ -140,13 +140,13 @@ Raises
 ValueError
     If the numbers have another type or shape, or one is not in the table.
 )")
-      .def_property_readonly(
+      .def_readonly(
           "tissues",
           [](const VoxelBone& bone) -> std::shared_ptr<Tissues> {
             return bone.tissues() ? std::make_shared<Tissues>(bone.tissues()->table()) : nullptr;
           },
           "Table of its tissues; None if it is of a single material")
-      .def_property_readonly(
+      .def_readonly(
           "tissue_numbers",
           [](const VoxelBone& bone) { return read_only(tissue_box(bone, {0, 0, 0}, bone.shape())); },
           "Tissue number of every voxel, (z, y, x) uint8: a read-only copy; None without tissues")
@@ -273,18 +273,18 @@ Raises
 ValueError
     If a side or spacing is not positive, the level out of range, or the machine has too little memory.
 )")
-      .def_property_readonly(
+      .def_readonly(
           "shape", [](const VoxelBone& b) { return three(b.shape()); }, "(nz, ny, nx)")
-      .def_property_readonly(
+      .def_readonly(
           "spacing", [](const VoxelBone& b) { return three(b.spacing()); }, "(x, y, z) [mm]")
-      .def_property_readonly(
+      .def_readonly(
           "origin", [](const VoxelBone& b) { return three(b.origin()); },
           "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
-      .def_property_readonly(
+      .def_readonly(
           "density",
           [](const VoxelBone& bone) { return read_only(levels_of(bone, {0, 0, 0}, bone.shape(), false)); },
           "Present levels, (z, y, x) uint8: a read-only copy, made at each call; `read` copies a part")
-      .def_property_readonly(
+      .def_readonly(
           "pristine",
           [](const VoxelBone& bone) { return read_only(levels_of(bone, {0, 0, 0}, bone.shape(), true)); },
           "Levels as loaded or written, (z, y, x) uint8: a read-only copy")
@@ -309,9 +309,9 @@ Raises
 ValueError
     If the box leaves the volume.
 )")
-      .def_property_readonly("mass", &VoxelBone::mass, "Volume of solid bone left [mm^3]")
-      .def_property_readonly("removed", &VoxelBone::removed,
-                             "Volume of solid bone removed since it was loaded, written or reset [mm^3]")
+      .def_readonly("mass", &VoxelBone::mass, "Volume of solid bone left [mm^3]")
+      .def_readonly("removed", &VoxelBone::removed,
+                    "Volume of solid bone removed since it was loaded, written or reset [mm^3]")
       .def(
           "write",
           [](VoxelBone& bone, const py::array& values, const Index3& start, const Range& range) {

@@ -7,6 +7,7 @@
 #include <pybind11/stl.h>
 
 #include <cstring>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -32,6 +33,54 @@ using Tools = std::vector<std::pair<Burr, Material>>;
 /// Releases the GIL during a call.
 inline const py::call_guard<py::gil_scoped_release> no_gil;
 
+/// What a property, or a method without arguments, calls: of one type, as pybind11 compiles the call of each
+/// type anew, which takes most of the time.
+using Getter = std::function<py::object(const py::object&)>;
+
+template <class T, class Get>
+Getter to_getter(Get get) {
+  return [get](const py::object& self) -> py::object {
+    T& object = self.cast<T&>();
+    using Value = std::invoke_result_t<const Get&, T&>;
+    if constexpr (std::is_void_v<Value>)
+      return std::invoke(get, object), py::none();
+    else if constexpr (std::is_base_of_v<py::object, Value>)
+      return std::invoke(get, object);
+    else if constexpr (!std::is_copy_constructible_v<std::decay_t<Value>>)  // a part of the object
+      return py::cast(std::invoke(get, object), py::return_value_policy::reference_internal, self);
+    else
+      return py::cast(std::decay_t<Value>(std::invoke(get, object)));  // a copy
+  };
+}
+
+/// pybind11's class_ with such getters.
+template <class T, class... Options>
+struct Class : py::class_<T, Options...> {
+  using Base = py::class_<T, Options...>;
+  using Base::Base;
+
+  template <class... Arguments>
+  Class& def(Arguments&&... arguments) {
+    Base::def(std::forward<Arguments>(arguments)...);
+    return *this;
+  }
+  template <class Function, class = std::enable_if_t<std::is_invocable_v<Function, T&>>>
+  Class& def(const char* name, Function function, const char* doc = "") {
+    Base::def(name, to_getter<T>(function), doc);
+    return *this;
+  }
+  template <class... Arguments>
+  Class& def_static(Arguments&&... arguments) {
+    Base::def_static(std::forward<Arguments>(arguments)...);
+    return *this;
+  }
+  template <class Get>
+  Class& def_readonly(const char* name, Get get, const char* doc = "") {
+    Base::def_property_readonly(name, to_getter<T>(get), doc);
+    return *this;
+  }
+};
+
 /// The button that switches a burr on, -1 for none.
 inline int button_of(std::optional<int> on_button) {
   if (on_button && *on_button < 0) refuse("on_button", "0 to 7, or None", *on_button);
@@ -55,12 +104,6 @@ py::array_t<Value> to_array(const Value* values, std::vector<py::ssize_t> shape)
 template <class Value>
 py::array_t<Value> to_array(const std::vector<Value>& values) {
   return to_array(values.data(), {py::ssize_t(values.size())});
-}
-
-/// A getter that copies; def_readonly would give views of Eigen's vectors.
-template <class Class, class Value>
-auto copy_of(Value Class::* field) {
-  return [field](const Class& object) { return object.*field; };
 }
 
 /// Python's str.format.

@@ -48,7 +48,7 @@ std::vector<const kernel::Kernel*> kernels() {
   return found;
 }
 
-const kernel::Kernel* named(const std::string& name, const char* who) {
+const kernel::Kernel* kernel_named(const std::string& name, const char* who) {
   std::string known;
   for (const kernel::Kernel* k : kernels()) {
     if (name == k->name) return k;
@@ -61,7 +61,7 @@ const kernel::Kernel* named(const std::string& name, const char* who) {
 std::atomic<const kernel::Kernel*>& chosen() {
   static std::atomic<const kernel::Kernel*> one = [] {
     const char* name = std::getenv("BURRLAB_CPU_PATH");
-    return name && *name ? named(name, "BURRLAB_CPU_PATH") : kernels().back();
+    return name && *name ? kernel_named(name, "BURRLAB_CPU_PATH") : kernels().back();
   }();
   return one;
 }
@@ -79,6 +79,6 @@ std::vector<std::string> cpu_paths() {
 }
 
 std::string cpu_path() { return kernel::current_kernel().name; }
-void use_cpu_path(const std::string& name) { chosen().store(named(name, "cpu_path")); }
+void use_cpu_path(const std::string& name) { chosen().store(kernel_named(name, "cpu_path")); }
 
 }  // namespace burrlab

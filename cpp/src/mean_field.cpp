@@ -16,10 +16,10 @@ namespace burrlab {
 namespace {
 
 constexpr std::size_t node_count = 4;
-using Nodes = std::array<double, node_count>;
+using AtNodes = std::array<double, node_count>;
 // Gauss-Legendre on [0, 1], for the integral over p.
-constexpr Nodes node{0.06943184420297371, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629};
-constexpr Nodes weight{0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
+constexpr AtNodes node{0.06943184420297371, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629};
+constexpr AtNodes weight{0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
 
 constexpr double tolerance = 1e-12;   // of the mass
 constexpr double gone = 28.0;         // densities below exp(-28) = 7e-13 are dropped
@@ -29,11 +29,11 @@ constexpr double step_limit = 200e3;  // seconds of work
 double cap(double u) { return u * u * (1.0 - u / 3.0); }
 
 struct Slice {
-  double s;        // immersion at which the front meets it
-  Nodes p;         // cosine of the front's slope
-  Nodes volume;    // /pi, belonging to each p
-  Nodes exponent;  // -log(density)
-  Nodes dose;      // int f dH over the present step
+  double s;          // immersion at which the front meets it
+  AtNodes p;         // cosine of the front's slope
+  AtNodes volume;    // /pi, belonging to each p
+  AtNodes exponent;  // -log(density)
+  AtNodes dose;      // int f dH over the present step
 
   Slice(double begin, double end) : s(0.5 * (begin + end)), exponent{}, dose{} {
     const double unit = (cap(end) - cap(begin)) / (1.0 - 0.5 * s);  // over int p dp / s

@@ -10,7 +10,7 @@
 namespace burrlab {
 namespace {
 
-constexpr int side = 64;  // samples along an edge of the disc's frame
+constexpr int frame_side = 64;  // samples along an edge of the disc's frame
 
 // Camera coordinates: right, up, forward.
 struct Eye {
@@ -35,7 +35,7 @@ std::array<double, 2> slopes(double across, double ahead, double radius) {
 }
 
 // The first sample with its middle behind a place in the frame [samples].
-int first_sample(double place) { return int(std::clamp(std::ceil(place - 0.5), 0.0, double(side))); }
+int first_sample(double place) { return int(std::clamp(std::ceil(place - 0.5), 0.0, double(frame_side))); }
 
 double opacity(const Quanta& mass, const EffectParameters& parameters) {
   const double bulk = parameters.dust_bulking * double(mass[dust]),
@@ -63,17 +63,17 @@ double hidden_fraction(const Parcels& parcels, double quantum, const EffectParam
   across = {std::max(across[0], -width), std::min(across[1], width)};
   along = {std::max(along[0], -height), std::min(along[1], height)};
   if (across[0] >= across[1] || along[0] >= along[1]) return nowhere;
-  const double dx = (across[1] - across[0]) / side, dy = (along[1] - along[0]) / side;
+  const double dx = (across[1] - across[0]) / frame_side, dy = (along[1] - along[0]) / frame_side;
 
   // The light that passes at each sample, and the distance forward to the burr's surface; 0 beside the burr.
-  double passes[side * side], ahead[side * side];
+  double passes[frame_side * frame_side], ahead[frame_side * frame_side];
   int seen = 0;
   const double offset = center.squaredNorm() - burr.radius * burr.radius;
-  for (int j = 0; j < side; ++j) {
-    for (int i = 0; i < side; ++i) {
+  for (int j = 0; j < frame_side; ++j) {
+    for (int i = 0; i < frame_side; ++i) {
       const Vec3 ray(across[0] + (i + 0.5) * dx, along[0] + (j + 0.5) * dy, 1.0);
       const double b = ray.dot(center), a = ray.squaredNorm(), inner = b * b - a * offset;
-      const int at = j * side + i;
+      const int at = j * frame_side + i;
       passes[at] = 1.0;
       ahead[at] = inner >= 0.0 ? (b - std::sqrt(inner)) / a : 0.0;
       seen += inner >= 0.0;
@@ -89,19 +89,19 @@ double hidden_fraction(const Parcels& parcels, double quantum, const EffectParam
     const double taken = opacity(parcels.mass[n], parameters);
     const int low_i = first_sample((x - radius - across[0]) / dx);
     const int low_j = first_sample((y - radius - along[0]) / dy);
-    for (int j = low_j; j < side; ++j) {
+    for (int j = low_j; j < frame_side; ++j) {
       const double v = along[0] + (j + 0.5) * dy - y;
       if (v > radius) break;
-      for (int i = low_i; i < side; ++i) {
+      for (int i = low_i; i < frame_side; ++i) {
         const double u = across[0] + (i + 0.5) * dx - x;
         if (u > radius) break;
-        const int at = j * side + i;
+        const int at = j * frame_side + i;
         if (u * u + v * v <= radius * radius && place[2] < ahead[at]) passes[at] *= 1.0 - taken;
       }
     }
   }
   double hidden = 0.0;
-  for (int at = 0; at < side * side; ++at)
+  for (int at = 0; at < frame_side * frame_side; ++at)
     if (ahead[at] > 0.0) hidden += 1.0 - passes[at];
   return hidden / seen;
 }

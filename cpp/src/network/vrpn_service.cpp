@@ -8,7 +8,6 @@
 namespace burrlab {
 
 using openigtlink::ByteView;
-using vrpn::Kind;
 
 constexpr std::size_t most_requests = 16;  // read in a second, and calls back not yet taken
 constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
@@ -43,18 +42,18 @@ class VrpnService::VrpnPeer : public Peer {
 
 void VrpnService::VrpnPeer::take(const vrpn::Message& message) {
   PublisherStatus& status = service_.session_.status;
-  if (message.kind == Kind::cookie && reader_.greeted()) {
+  if (message.kind == vrpn::Kind::cookie && reader_.greeted()) {
     status.vrpn_others += std::uint64_t(message.number);
     counted_ = true;
     ++service_.peers_;
     vrpn::encode_descriptions(pending, service_.senders_);
     tick_ = service_.log_.next();
-  } else if (message.kind == Kind::ping) {
+  } else if (message.kind == vrpn::Kind::ping) {
     vrpn::encode_pong(pending, std::int32_t(message.sender), openigtlink::timestamp_now());
-  } else if (message.kind == Kind::udp &&  // never at our port: the server would be its own client
+  } else if (message.kind == vrpn::Kind::udp &&  // never at our port: the server would be its own client
              !(message.number == service_.server_.port() && TcpServer::is_own(address))) {
     poses_ = address.with_port(message.number);
-  } else if (message.kind != Kind::sender) {
+  } else if (message.kind != vrpn::Kind::sender) {
     ++status.ignored;
   }
 }

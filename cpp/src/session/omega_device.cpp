@@ -12,7 +12,7 @@ constexpr int in_reset = 3;    // of the status: the device waits to be calibrat
 constexpr int device_in_use = 20;
 constexpr double millimetre = 1e3;            // in a metre
 constexpr std::int64_t least_cycle = 250000;  // [ns]; the devices' rate is up to 4 kHz
-constexpr std::int64_t least_pause = 20000;   // [ns]; leaves the processor to others
+constexpr std::int64_t least_rest = 20000;    // [ns]; leaves the processor to others
 
 int OmegaDevice::count(const std::string& library) {
   return std::max(0, shared_library<DhdLibrary>(library)->dhdGetDeviceCount());
@@ -81,7 +81,7 @@ void OmegaDevice::begin() {
     become_realtime(request);
     std::int64_t begun = steady_now();
     while (cycle()) {
-      sleep_until(std::max(begun + least_cycle, steady_now() + least_pause));
+      sleep_until(std::max(begun + least_cycle, steady_now() + least_rest));
       begun = steady_now();
     }
   });
